@@ -1,0 +1,142 @@
+"""The Skip-map: the effective voxels of a scan with their curvature and oriented normals.
+
+The paper's "variable resolution point cloud simplification": a voxel is effective when it and its 26
+neighbours hold enough points to fit a surface; PCA over that neighbourhood gives curvature and normal.
+Voxel centres coloured by curvature are the paper's Skip-map picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from skipnet.skipmap.cells import CellIndex, pack, unpack
+from skipnet.skipmap.moments import Moments, curvature, principal_axes
+from skipnet.skipmap.tree import SkipTree, build_tree
+from skipnet.types import FloatArray, IntArray
+
+MIN_NEIGHBOURHOOD_POINTS = 6
+"""Fewer points in 3x3x3 voxels fit almost any plane: three define one, the rest must confirm it."""
+
+# One of each pair of opposite directions: the other half follows by symmetry.
+_HALF_NEIGHBOURHOOD = np.array(
+    [
+        (x, y, z)
+        for x in (0, 1)
+        for y in (-1, 0, 1)
+        for z in (-1, 0, 1)
+        if (x, y, z) > (0, 0, 0)
+    ]
+)
+
+
+@dataclass(frozen=True)
+class SkipMap:
+    """Effective voxels of one scan at one resolution, all arrays in the tree's order."""
+
+    voxel_size_m: float
+    origin_m: FloatArray
+    """(3,) corner of cell (0, 0, 0) in the scan's frame."""
+    keys: IntArray
+    """(V,) packed cells, ascending."""
+    counts: FloatArray
+    """(V,) points in the voxel itself."""
+    centroids_m: FloatArray
+    """(V, 3) mean of the voxel's own points, scan frame."""
+    eigenvalues_m2: FloatArray
+    """(V, 3) ascending, of the 3x3x3 neighbourhood's covariance."""
+    axes: FloatArray
+    """(V, 3, 3) unit eigenvectors in columns, of ascending eigenvalue; column 0 is the normal."""
+    curvatures: FloatArray
+    """(V,) l0 / (l0 + l1 + l2): 0 flat, 1/3 a ball."""
+    viewpoint_m: FloatArray | None
+    """(3,) sensor position in the scan's frame; None when unknown."""
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @property
+    def cells(self) -> IntArray:
+        """(V, 3) int64 cells."""
+        return unpack(self.keys)
+
+    @property
+    def normals(self) -> FloatArray:
+        """(V, 3) unit normals, towards the sensor where the viewpoint is known, else of either sign."""
+        return self.axes[:, :, 0]
+
+    @cached_property
+    def _index(self) -> CellIndex:
+        return CellIndex(self.keys)
+
+    def find(self, cells: IntArray) -> IntArray:
+        """Row of each (..., 3) cell, -1 where there is no effective voxel."""
+        return self._index.find(pack(cells))
+
+
+def build_skipmap(
+    points_m: FloatArray,
+    voxel_size_m: float,
+    viewpoint_m: FloatArray | None = None,
+    min_points: int = MIN_NEIGHBOURHOOD_POINTS,
+) -> SkipMap:
+    """Divide a scan into voxels and describe the effective ones, in one pass over the points.
+
+    Args:
+        points_m: (N, 3) points in the scan's frame.
+        voxel_size_m: edge of a voxel.
+        viewpoint_m: (3,) sensor position in the same frame; normals are turned towards it.
+        min_points: points that a voxel and its 26 neighbours must hold together to be effective.
+
+    Raises:
+        ValueError: as ``build_tree``.
+    """
+    return skipmap_of_tree(build_tree(points_m, voxel_size_m), viewpoint_m, min_points)
+
+
+def skipmap_of_tree(
+    tree: SkipTree,
+    viewpoint_m: FloatArray | None = None,
+    min_points: int = MIN_NEIGHBOURHOOD_POINTS,
+) -> SkipMap:
+    """The Skip-map of a tree at the tree's own resolution; take ``tree.coarser()`` for the next level."""
+    around = _sum_neighbourhoods(tree)
+    effective = around.count >= min_points
+    eigenvalues_m2, axes = principal_axes(around[effective])
+    centroids_m = tree.centroids_m[effective]
+    if viewpoint_m is not None:
+        axes = _orient(axes, centroids_m, np.asarray(viewpoint_m, dtype=np.float64))
+    return SkipMap(
+        voxel_size_m=tree.voxel_size_m,
+        origin_m=tree.origin_m,
+        keys=tree.keys[effective],
+        counts=tree.moments.count[effective],
+        centroids_m=centroids_m,
+        eigenvalues_m2=eigenvalues_m2,
+        axes=axes,
+        curvatures=curvature(eigenvalues_m2),
+        viewpoint_m=viewpoint_m,
+    )
+
+
+def _sum_neighbourhoods(tree: SkipTree) -> Moments:
+    """Moments of every voxel's 3x3x3 neighbourhood by addition; 13 lookups serve 26 neighbours."""
+    stacked = np.column_stack([tree.moments.count, tree.moments.first, tree.moments.second])
+    total = stacked.copy()
+    for offset in pack(_HALF_NEIGHBOURHOOD) - pack(np.zeros(3, dtype=np.int64)):
+        neighbour = tree.find_keys(tree.keys + offset)
+        here = np.flatnonzero(neighbour >= 0)
+        there = neighbour[here]
+        total[here] += stacked[there]  # no row occurs twice on either side: an offset is a bijection
+        total[there] += stacked[here]
+    return Moments(total[:, 0], total[:, 1:4], total[:, 4:])
+
+
+def _orient(axes: FloatArray, centroids_m: FloatArray, viewpoint_m: FloatArray) -> FloatArray:
+    """Turn column 0 towards the viewpoint."""
+    away = np.einsum("vi,vi->v", axes[:, :, 0], viewpoint_m - centroids_m) < 0
+    axes = axes.copy()
+    axes[away, :, 0] *= -1
+    return axes

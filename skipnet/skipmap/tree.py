@@ -1,0 +1,208 @@
+"""The skip-tree: voxels behind an X list, a Y list and a Z list, held as sorted arrays.
+
+SkiMap (De Gregorio & Di Stefano, arXiv 1704.05832) keeps a tree of skip lists, X list -> Y list -> Z
+list -> voxel. Here each list is a run of one sorted array of packed cells: a key's upper bits name its X
+slice, the middle ones its Y column, the lower ones its place in the Z list. Descending the tree is a
+binary search in a run; integrating a scan is one sort and one segmented sum. Trees are values: every operation
+returns a new one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from skipnet.skipmap.cells import CELL_MAX, CELL_MIN, CellIndex, cells_of, pack, unpack
+from skipnet.skipmap.moments import Moments, moments_of_points, sum_segments
+from skipnet.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class SkipTree:
+    """Voxels of one resolution with their additive moments."""
+
+    voxel_size_m: float
+    origin_m: FloatArray
+    """(3,) corner of cell (0, 0, 0); the moments are sums about it."""
+    keys: IntArray
+    """(V,) packed cells, strictly ascending: by x, then y, then z."""
+    moments: Moments
+    """Of the V voxels, in the order of ``keys``."""
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @property
+    def cells(self) -> IntArray:
+        """(V, 3) int64 cells in the tree's order."""
+        return unpack(self.keys)
+
+    @property
+    def centroids_m(self) -> FloatArray:
+        """(V, 3) mean of each voxel's points, in the frame of the points."""
+        return self.moments.mean + self.origin_m
+
+    @cached_property
+    def _index(self) -> CellIndex:
+        return CellIndex(self.keys)
+
+    def find(self, cells: IntArray) -> IntArray:
+        """Exact lookup: the row of each (..., 3) cell, -1 where the tree has no such voxel."""
+        return self.find_keys(pack(cells))
+
+    def find_keys(self, keys: IntArray) -> IntArray:
+        """As ``find``, for cells that are packed already."""
+        return self._index.find(keys)
+
+    def integrate(self, points_m: FloatArray) -> SkipTree:
+        """Find-or-insert the voxels of (N, 3) points and add the points to them."""
+        return self.add(build_tree(points_m, self.voxel_size_m, self.origin_m))
+
+    def add(self, other: SkipTree) -> SkipTree:
+        """The tree of both trees' points.
+
+        Raises:
+            ValueError: the trees differ in voxel size or origin.
+        """
+        _check_same_grid(self, other)
+        joined = Moments(
+            np.concatenate([self.moments.count, other.moments.count]),
+            np.concatenate([self.moments.first, other.moments.first]),
+            np.concatenate([self.moments.second, other.moments.second]),
+        )
+        return _gather(
+            self.voxel_size_m, self.origin_m, np.concatenate([self.keys, other.keys]), joined
+        )
+
+    def remove(self, other: SkipTree) -> SkipTree:
+        """Take a scan that was added out again; voxels left without a point disappear.
+
+        Raises:
+            ValueError: the grids differ, or ``other`` holds points that this tree does not.
+        """
+        _check_same_grid(self, other)
+        rows = self.find_keys(other.keys)
+        if (rows < 0).any() or (self.moments.count[rows] < other.moments.count).any():
+            raise ValueError("the scan to remove has points that this tree never integrated")
+        count, first, second = (
+            array.copy() for array in (self.moments.count, self.moments.first, self.moments.second)
+        )
+        count[rows] -= other.moments.count
+        first[rows] -= other.moments.first
+        second[rows] -= other.moments.second
+        left = count > 0
+        return SkipTree(
+            self.voxel_size_m,
+            self.origin_m,
+            self.keys[left],
+            Moments(count[left], first[left], second[left]),
+        )
+
+    def coarser(self, levels: int = 1) -> SkipTree:
+        """The tree of voxels 2**levels times as wide, from the moments alone."""
+        return _gather(
+            self.voxel_size_m * 2**levels, self.origin_m, pack(self.cells >> levels), self.moments
+        )
+
+    def box(self, low_m: FloatArray, high_m: FloatArray) -> IntArray:
+        """Rows of the voxels whose cells meet the closed box [low, high], ascending.
+
+        Descends the tree: the X list gives the slices, their Y lists the columns, their Z lists the voxels,
+        each by binary search.
+        """
+        low, high = (
+            cells_of(np.asarray(corner_m), self.voxel_size_m, self.origin_m)
+            for corner_m in (low_m, high_m)
+        )
+        prefixes = np.zeros((1, 0), dtype=np.int64)
+        for axis in range(3):
+            rows = self._rows_between(prefixes, low[axis], high[axis])
+            prefixes = np.unique(unpack(self.keys[rows])[:, : axis + 1], axis=0)
+        return rows
+
+    def _rows_between(self, prefixes: IntArray, low: int, high: int) -> IntArray:
+        """Rows whose cell starts with one of the prefixes and goes on with low <= value <= high."""
+        depth = prefixes.shape[1]
+        first = np.full((len(prefixes), 3), CELL_MIN)
+        last = np.full((len(prefixes), 3), CELL_MAX)
+        first[:, :depth] = last[:, :depth] = prefixes
+        first[:, depth], last[:, depth] = low, high
+        starts = np.searchsorted(self.keys, pack(first), side="left")
+        return _ranges(starts, np.searchsorted(self.keys, pack(last), side="right"))
+
+    def radius(self, centre_m: FloatArray, radius_m: float) -> IntArray:
+        """Rows of the voxels whose centroid lies within ``radius_m`` of the (3,) centre, ascending."""
+        centre_m = np.asarray(centre_m)
+        rows = self.box(centre_m - radius_m, centre_m + radius_m)
+        offset_m = self.moments[rows].mean + self.origin_m - centre_m
+        return rows[np.einsum("ij,ij->i", offset_m, offset_m) <= radius_m**2]
+
+    def project_2d(self) -> tuple[IntArray, FloatArray]:
+        """Seen from above: the (C, 2) occupied columns and the (C,) number of points in each."""
+        columns, starts = self._columns()
+        return columns, np.add.reduceat(self.moments.count, starts)
+
+    def project_2_5d(self) -> tuple[IntArray, FloatArray]:
+        """A height map: the (C, 2) occupied columns and the (C,) centroid height of each one's top voxel."""
+        columns, starts = self._columns()
+        tops = np.append(starts[1:], len(self.keys)) - 1
+        return columns, self.moments[tops].mean[:, 2] + self.origin_m[2]
+
+    def _columns(self) -> tuple[IntArray, IntArray]:
+        cells = self.cells
+        starts = np.flatnonzero(np.r_[True, (cells[1:, :2] != cells[:-1, :2]).any(axis=1)])
+        return cells[starts, :2], starts
+
+
+def build_tree(
+    points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray | None = None
+) -> SkipTree:
+    """Divide (N, 3) points into voxels of ``voxel_size_m``: one sort, one segmented sum.
+
+    Args:
+        points_m: (N, 3) points, at least one.
+        voxel_size_m: edge of a voxel.
+        origin_m: (3,) corner of cell (0, 0, 0). Trees that are to be added need the same one. Default: the
+            whole metre nearest to the points' centre, which keeps float64 sums exact enough anywhere.
+
+    Raises:
+        ValueError: no points, a voxel size that is not positive, or points too far from the origin.
+    """
+    if len(points_m) == 0:
+        raise ValueError("a skip-tree needs at least one point, none was given")
+    if not voxel_size_m > 0:
+        raise ValueError(f"voxel_size_m is {voxel_size_m}, expected a positive length in metres")
+    if origin_m is None:
+        origin_m = np.round(0.5 * (points_m.min(axis=0) + points_m.max(axis=0)).astype(np.float64))
+    local_m = points_m - origin_m
+    keys = pack(cells_of(local_m, voxel_size_m, np.zeros(3)))
+    return _gather(voxel_size_m, origin_m, keys, moments_of_points(local_m))
+
+
+def _gather(
+    voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: Moments
+) -> SkipTree:
+    """Sort rows by key and add up those that share one."""
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    starts = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
+    return SkipTree(voxel_size_m, origin_m, keys[starts], sum_segments(moments[order], starts))
+
+
+def _check_same_grid(a: SkipTree, b: SkipTree) -> None:
+    if a.voxel_size_m != b.voxel_size_m or not np.array_equal(a.origin_m, b.origin_m):
+        raise ValueError(
+            f"the trees have different grids: voxels of {a.voxel_size_m:g} m at {a.origin_m} and of "
+            f"{b.voxel_size_m:g} m at {b.origin_m}; build both with the same voxel_size_m and origin_m"
+        )
+
+
+def _ranges(starts: IntArray, stops: IntArray) -> IntArray:
+    """Concatenate the half-open ranges [start, stop)."""
+    lengths = stops - starts
+    if lengths.sum() == 0:
+        return np.zeros(0, dtype=np.int64)
+    offsets = np.repeat(starts - np.r_[0, np.cumsum(lengths)[:-1]], lengths)
+    return np.arange(lengths.sum()) + offsets

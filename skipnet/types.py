@@ -1,0 +1,81 @@
+"""The nouns that every room of skipnet shares: plain data, no behaviour.
+
+Frames: ``T_a_b`` maps a point of frame b into frame a. Points are rows, lengths metres, angles radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.floating]
+IntArray = npt.NDArray[np.integer]
+BoolArray = npt.NDArray[np.bool_]
+
+
+class FeatureClass(IntEnum):
+    """The paper's five classes of feature voxels; the definitions are this project's (README).
+
+    The sensor's side decides between first and second class: the same three faces are concave when
+    seen from inside a room and convex when seen from outside a box.
+    """
+
+    FIRST_CORNER = 0
+    """Three surfaces, all concave towards the sensor: a room's corner seen from inside."""
+    SECOND_CORNER = 1
+    """Three surfaces, all convex towards the sensor: a box's corner."""
+    OTHER_CORNER = 2
+    """Three or more surfaces, mixed: a box standing on the floor, a window's corner."""
+    EDGE = 3
+    """Two surfaces."""
+    PLANE = 4
+    """One surface."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two scans of one scene and, for the scorer alone, the true motion between them."""
+
+    name: str
+    """Unique within its set; stable between runs."""
+    set_name: str
+    """The data set or simulated family it belongs to."""
+    source_m: FloatArray
+    """(N, 3) points in the source's own frame."""
+    target_m: FloatArray
+    """(M, 3) points in the target's own frame."""
+    T_target_source: FloatArray
+    """(4, 4) float64, the truth. Never handed to a method."""
+    source_viewpoint_m: FloatArray | None = None
+    """(3,) sensor position in the source's frame; None when unknown."""
+    target_viewpoint_m: FloatArray | None = None
+    """(3,) sensor position in the target's frame; None when unknown."""
+    success_rotation_rad: float = float(np.deg2rad(0.5))
+    """A result counts as right below this rotation error ..."""
+    success_translation_m: float = 0.03
+    """... and below this translation error."""
+    overlap: float | None = None
+    """Share of the source that lies near the target under the truth, if known."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What ``skipnet.register`` returns."""
+
+    T_target_source: FloatArray
+    """(4, 4) float64, ``p_target = T_target_source @ p_source``, after fine alignment."""
+    T_target_source_coarse: FloatArray
+    """(4, 4) float64, before fine alignment."""
+    status: str
+    """"registered", "ambiguous" or "failed"."""
+    confidence: float
+    """In [0, 1]: the share of results with this value that are right. 0 surely wrong, 1 surely right."""
+    reason: str
+    """One sentence for a person: why this status."""
+    timings_s: dict[str, float] = field(default_factory=dict)
+    """Seconds per stage, in the order of the pipeline."""
+    details: dict[str, object] = field(default_factory=dict)
+    """What was assumed and measured on the way: voxel size, viewpoints, scores, candidates."""
