@@ -1,0 +1,65 @@
+# `make demo` and `make test` do all the set-up themselves; a second call starts at once.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.ONESHELL:
+
+VENV := .venv
+PY := $(VENV)/bin/python
+APT_LIBRARIES := libusb-1.0-0 libgl1 libgomp1
+
+.PHONY: demo test lint clean
+
+demo: $(VENV)/.ready
+	@$(PY) register.py
+
+test: lint
+	@$(PY) -m pytest
+
+lint: $(VENV)/.ready-for-tests
+	@$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports --no-cache
+
+clean:
+	rm -rf $(VENV) build *.egg-info runs outputs multirun
+
+# Installs Debian packages as root or through sudo, or says exactly what to type.
+define apt_install
+apt_install() {
+	local root=""
+	[ "$$(id -u)" = 0 ] || root="sudo"
+	if [ -n "$$root" ] && ! sudo -n true 2>/dev/null; then
+		echo "This machine lacks Debian packages. Please run, then repeat make:" >&2
+		echo "    sudo apt-get update && sudo apt-get install -y $$*" >&2
+		exit 1
+	fi
+	$$root apt-get update -q
+	DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -q --no-install-recommends "$$@"
+}
+endef
+
+$(PY):
+	@$(apt_install)
+	for name in $${PYTHON:-} python3 python3.13 python3.12 python3.11 python3.10; do
+		if "$$name" -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null; then
+			python="$$name"
+			break
+		fi
+	done
+	if [ -z "$${python:-}" ]; then
+		echo "skipnet needs Python 3.10 or newer; name one with: make PYTHON=/path/to/python" >&2
+		exit 1
+	fi
+	"$$python" -c 'import ensurepip, venv' 2>/dev/null || apt_install python3-venv
+	"$$python" -m venv $(VENV)
+
+$(VENV)/.ready: pyproject.toml | $(PY)
+	@$(apt_install)
+	$(PY) -m pip install --quiet -e .
+	$(PY) -c 'import open3d' 2>/dev/null || apt_install $(APT_LIBRARIES)
+	$(PY) -c 'import open3d'
+	touch $@
+
+$(VENV)/.ready-for-tests: pyproject.toml $(VENV)/.ready
+	@$(PY) -m pip install --quiet -e '.[test,peers,formats]'
+	touch $@
