@@ -7,6 +7,7 @@ never see these classes: they take plain arrays and scalars.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -87,4 +88,93 @@ class RegisterConfig:
 
 
 # --- evaluate.py ----------------------------------------------------------------------------------
-# (sections of the benchmark room)
+
+
+class DatasetKind(Enum):
+    """Where the pairs of a benchmark come from."""
+
+    simulated = "simulated"
+    folder = "folder"
+
+
+@dataclass
+class VariantConfig:
+    """One method of a benchmark: an adapter with its options."""
+
+    adapter: str = "skipnet"
+    """skipnet, icp, open3d (FPFH + RANSAC), kiss_matcher or small_gicp."""
+    label: str = ""
+    """Its name in tables and figures; empty takes the key under which it stands."""
+    start_from: str = ""
+    """Start at the coarse pose of this other method; empty starts at identity. For local methods."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Options of the adapter; of skipnet: any field of the registration's config."""
+
+
+def standard_variants() -> dict[str, VariantConfig]:
+    """The methods every benchmark knows; ``methods=[...]`` chooses among them."""
+    return {
+        "skipnet": VariantConfig("skipnet", "skipnet"),
+        "icp": VariantConfig("icp", "ICP directly"),
+        "icp_from_coarse": VariantConfig("icp", "ICP from our coarse pose", start_from="skipnet"),
+        "fpfh_ransac": VariantConfig("open3d", "FPFH + RANSAC + ICP"),
+        "kiss_matcher": VariantConfig("kiss_matcher", "KISS-Matcher + GICP"),
+        "small_gicp": VariantConfig("small_gicp", "GICP directly"),
+    }
+
+
+@dataclass
+class EvaluateConfig:
+    """Options of ``evaluate.py``: methods compared on the same pairs."""
+
+    benchmark: str = "paper"
+    """Name of the benchmark: a file in configs/benchmark."""
+    dataset: DatasetKind = DatasetKind.simulated
+    """Simulated rooms, or a folder of real scans with a pairs.json."""
+    seed: int = 0
+    """Simulated: seed of the first pair (pair i has seed + i). Folder: seed of the random motions."""
+    family: str = "paper_room"
+    """Simulated: family of scenes."""
+    pairs: int = 40
+    """Simulated: number of pairs."""
+    scanner: str = "terrestrial"
+    """Simulated: preset of the scanner."""
+    rotation: str = "yaw"
+    """Simulated: yaw keeps the second scanner upright, any turns it freely."""
+    points: int | None = None
+    """Simulated: beams per scan; null takes the scanner's own number."""
+    data: str | None = None
+    """Folder: the folder with pairs.json, relative to where the user stands."""
+    sets: list[str] = field(default_factory=list)
+    """Folder: names of the sets to use; empty takes all."""
+    turn: bool = True
+    """Folder: first turn each source about its origin by a random rotation."""
+    shift_m: float = 0.0
+    """Folder: then shift it by this length in a random direction, away from its viewpoint."""
+    methods: list[str] = field(default_factory=lambda: ["skipnet", "icp", "icp_from_coarse"])
+    """Methods to run, in this order; each is a key of variants."""
+    variants: dict[str, VariantConfig] = field(default_factory=standard_variants)
+    """Every method that can be chosen."""
+    time_limit_s: float | None = None
+    """A method that takes longer on one pair is stopped and has failed there; null never stops it."""
+    output_dir: str = "runs/evaluate"
+    """Folder of this run, relative to where the user stands; give an earlier one to resume it."""
+
+    def __post_init__(self) -> None:
+        require(self.seed >= 0, "seed", self.seed, "a whole number of at least 0")
+        require(self.pairs >= 1, "pairs", self.pairs, "a whole number of at least 1")
+        require(self.shift_m >= 0, "shift_m", self.shift_m, "metres of at least 0")
+        limit_s = self.time_limit_s
+        require(limit_s is None or limit_s > 0, "time_limit_s", limit_s, "seconds above 0, or null")
+        if self.dataset is DatasetKind.folder and self.data is None:
+            raise ValueError("this benchmark reads a folder: name it with data=FOLDER")
+        self._check_methods()
+
+    def _check_methods(self) -> None:
+        require(bool(self.methods), "methods", self.methods, "at least one method")
+        for index, name in enumerate(self.methods):
+            if name not in self.variants:
+                raise ValueError(f"unknown method {name!r}: choose from {', '.join(self.variants)}")
+            start = self.variants[name].start_from
+            if start and start not in self.methods[:index]:
+                raise ValueError(f"{name} starts from {start}: put {start} before it in methods")

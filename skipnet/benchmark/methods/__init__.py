@@ -1,0 +1,99 @@
+"""Registration methods behind one call: ``Task -> Estimate``.
+
+Each adapter module has a ``make(**options) -> Method``. It imports its package there, not at the top, so
+that a missing one stops with the pip command, and so that imports never count in a method's time.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from skipnet.types import FloatArray
+
+ADAPTERS = ("skipnet", "icp", "open3d", "kiss_matcher", "small_gicp")
+MODULE_OF_ADAPTER = {"skipnet": "ours"}
+
+STAGES = ("map", "transform", "fine")
+"""The paper's split of the time: voxels and map (all that prepares), the coarse transform, the fine match."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """All that a method may see of a pair: never the truth."""
+
+    source_m: FloatArray
+    """(N, 3) points in the source's own frame."""
+    target_m: FloatArray
+    """(M, 3) points in the target's own frame."""
+    source_viewpoint_m: FloatArray | None = None
+    """(3,) sensor position in the source's frame; None when unknown."""
+    target_viewpoint_m: FloatArray | None = None
+    """(3,) sensor position in the target's frame; None when unknown."""
+    T_target_source_start: FloatArray = field(default_factory=lambda: np.eye(4))
+    """(4, 4) pose from which a local method starts; the others do not look at it."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a method answers."""
+
+    T_target_source: FloatArray
+    """(4, 4) float64, the method's final pose."""
+    stage_s: Mapping[str, float]
+    """Seconds of each of ``STAGES`` that the method has."""
+    T_target_source_coarse: FloatArray | None = None
+    """(4, 4) pose before fine alignment; None for a method without a coarse stage."""
+    status: str = "registered"
+    """The method's own opinion: "registered", "ambiguous" or "failed"."""
+    confidence: float | None = None
+    """In [0, 1]: the share of such answers that are right; None if the method does not say."""
+    reason: str = ""
+    """One sentence for a person."""
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    """The method's own, finer stages, if it has any."""
+
+
+Method = Callable[[Task], Estimate]
+
+
+def make_method(adapter: str, options: Mapping[str, Any] | None = None) -> Method:
+    """Build a method from its adapter's name and the options of that adapter.
+
+    Raises:
+        ValueError: if the adapter or an option is unknown.
+        ImportError: if the adapter's package is missing; the message has the pip command.
+    """
+    if adapter not in ADAPTERS:
+        raise ValueError(f"unknown adapter {adapter!r}: expected one of {', '.join(ADAPTERS)}")
+    name = MODULE_OF_ADAPTER.get(adapter, adapter)
+    make = importlib.import_module(f"skipnet.benchmark.methods.{name}").make
+    _check_options(adapter, make, options or {})
+    method: Method = make(**(options or {}))
+    return method
+
+
+def require(package: str, pip_name: str) -> ModuleType:
+    """Import an optional package, or stop with the command that installs it."""
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ImportError(
+            f"this method needs the package {package} ({error}); install it with: pip install {pip_name}"
+        ) from error
+
+
+def _check_options(adapter: str, make: Callable[..., Method], options: Mapping[str, Any]) -> None:
+    parameters = inspect.signature(make).parameters.values()
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+        return
+    known = [parameter.name for parameter in parameters]
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise ValueError(f"adapter {adapter!r} has no option {unknown}; it has {known}")

@@ -1,0 +1,80 @@
+"""What the methods answered, one JSON line per pair and method: written once, scored many times."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from skipnet.types import FloatArray
+
+Matrix = list[list[float]]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One method's answer to one pair, without a trace of the truth."""
+
+    pair: str
+    method: str
+    settings_hash: str
+    """Of the pairs and of the method's options: answers are reused only under the same settings."""
+    time_s: float
+    """Wall time of the whole call."""
+    stage_s: dict[str, float] = field(default_factory=dict)
+    """Seconds of the stages map, transform and fine, as far as the method has them."""
+    timings_s: dict[str, float] = field(default_factory=dict)
+    """The method's own, finer stages."""
+    T_target_source: Matrix | None = None
+    """Final pose; None if the method failed to give one."""
+    T_target_source_coarse: Matrix | None = None
+    """Pose before fine alignment; None if there is none."""
+    status: str = "failed"
+    confidence: float | None = None
+    reason: str = ""
+    error: str | None = None
+    """Why there is no pose: the exception, or the time limit; None if the method answered."""
+
+    def pose(self, stage: str) -> FloatArray | None:
+        """The (4, 4) pose of stage "coarse" or "fine", None where there is none."""
+        matrix = self.T_target_source_coarse if stage == "coarse" else self.T_target_source
+        return None if matrix is None else np.array(matrix, dtype=np.float64)
+
+
+def append_prediction(path: Path, prediction: Prediction) -> None:
+    """Add one line and put it on the disk, so that a killed run keeps all it had answered."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(asdict(prediction)) + "\n")
+        file.flush()
+
+
+def read_predictions(path: Path) -> list[Prediction]:
+    """All predictions in the file, in order; empty when there is none.
+
+    A last line that was cut off by a kill is removed from the file: its pair is predicted again.
+
+    Raises:
+        ValueError: if another line is not a prediction.
+    """
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8")
+    complete, _, cut_off = text.rpartition("\n")
+    if cut_off:
+        path.write_text(complete + "\n" if complete else "", encoding="utf-8")
+    return [
+        _parse(line, path, number)
+        for number, line in enumerate(complete.split("\n"), start=1)
+        if line
+    ]
+
+
+def _parse(line: str, path: Path, number: int) -> Prediction:
+    try:
+        return Prediction(**json.loads(line))
+    except (json.JSONDecodeError, TypeError) as error:
+        raise ValueError(
+            f"{path}, line {number} is not a prediction ({error}): choose another output_dir"
+        ) from error
