@@ -1,0 +1,1 @@
+"""Simulated scenes and scanners, in place of the paper's UE4 and AirSim."""
