@@ -1,0 +1,1 @@
+"""Point clouds in files and in memory: reading, writing, checking, denoising."""

@@ -1,0 +1,153 @@
+"""Reading the points of any supported file; every error names the file and what was expected."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from skipnet.clouds.pcd import read_pcd
+from skipnet.clouds.ply import read_ply, write_ply
+from skipnet.types import FloatArray
+
+__all__ = ["SUPPORTED", "read_points", "write_ply"]
+
+
+def read_points(path: str | os.PathLike[str]) -> FloatArray:
+    """Read a file's points, whatever its format.
+
+    Args:
+        path: of a file with one of the extensions in ``SUPPORTED``; coordinates in metres.
+
+    Returns:
+        (N, 3) float64 points, N >= 1. Rows of NaN in PCD files, which stand for beams without a return,
+        are dropped and their number is logged; elsewhere NaN stays, for ``validate`` to refuse.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: unknown extension, or an empty, truncated or damaged file.
+        ModuleNotFoundError: the format needs an optional package; the message holds the pip command.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder: expected a file with points")
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ValueError(
+            f"{path}: unknown extension {path.suffix or '(none)'!r}: expected one of {', '.join(SUPPORTED)}"
+        )
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path}: the file is empty")
+    points = reader(path)
+    if len(points) == 0:
+        raise ValueError(f"{path}: holds no points")
+    return points
+
+
+def _read_text(path: Path) -> FloatArray:
+    """Columns split by blanks, commas or semicolons; a header line may say which ones are x, y and z."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file: expected lines of x y z") from error
+    rows = [line for line in lines if line.strip() and not line.lstrip().startswith(("#", "//"))]
+    if not rows:
+        raise ValueError(f"{path}: holds no points")
+    delimiter = next((mark for mark in ";," if mark in rows[0]), None)
+    columns = [0, 1, 2]
+    if not _is_number(rows[0].split(delimiter)[0]):
+        columns = _header_columns([word.strip(' "').lower() for word in rows[0].split(delimiter)], path)
+        rows = rows[1:]
+    try:
+        # Reading every column, not only three, lets NumPy notice a last line that was cut short.
+        table = np.loadtxt(rows, delimiter=delimiter, ndmin=2) if rows else np.empty((0, 3))
+        return table[:, columns]
+    except (ValueError, IndexError) as error:
+        raise ValueError(f"{path}: expected lines of at least three numbers x y z: {error}") from error
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _header_columns(names: list[str], path: Path) -> list[int]:
+    if not {"x", "y", "z"} <= set(names):
+        raise ValueError(f"{path}: not a point file: its first line holds neither numbers nor x, y, z")
+    return [names.index(axis) for axis in "xyz"]
+
+
+def _read_numpy(path: Path) -> FloatArray:
+    try:
+        array = np.load(path, allow_pickle=False)
+        if isinstance(array, np.lib.npyio.NpzFile):
+            array = _single_array(array, path)
+    except (ValueError, EOFError, OSError) as error:
+        raise ValueError(f"{path}: truncated or not a NumPy file: {error}") from error
+    except Exception as error:  # zipfile.BadZipFile and friends have no common base
+        raise ValueError(f"{path}: truncated or not a NumPy archive: {error}") from error
+    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
+        raise ValueError(f"{path}: holds {array.dtype} of shape {array.shape}: expected (N, 3) numbers")
+    return array[:, :3].astype(np.float64)
+
+
+def _single_array(archive: np.lib.npyio.NpzFile, path: Path) -> np.ndarray:
+    name = "points" if "points" in archive.files else archive.files[0] if len(archive.files) == 1 else None
+    if name is None:
+        raise ValueError(f"holds the arrays {archive.files}: expected one called 'points'")
+    return archive[name]
+
+
+def _read_las(path: Path) -> FloatArray:
+    try:
+        import laspy
+    except ModuleNotFoundError as error:
+        raise _missing_package(path, "laspy") from error
+    try:
+        with laspy.open(path) as file:
+            announced, cloud = file.header.point_count, file.read()
+    except Exception as error:  # laspy and its decompressors raise many kinds for a damaged file
+        raise ValueError(f"{path}: truncated or not a LAS/LAZ file: {error}") from error
+    if len(cloud) != announced:
+        raise ValueError(f"{path}: truncated: its header announces {announced} points, it holds {len(cloud)}")
+    return np.asarray(cloud.xyz, dtype=np.float64)
+
+
+def _read_e57(path: Path) -> FloatArray:
+    """All scans of the file, in the file's common frame."""
+    try:
+        import pye57
+    except ModuleNotFoundError as error:
+        raise _missing_package(path, "pye57") from error
+    axes = ("cartesianX", "cartesianY", "cartesianZ")
+    try:
+        file = pye57.E57(str(path))
+        scans = [file.read_scan(index, ignore_missing_fields=True) for index in range(file.scan_count)]
+        return np.concatenate([np.stack([scan[axis] for axis in axes], axis=1) for scan in scans])
+    except Exception as error:  # libE57Format has its own exception, raised through pybind11
+        raise ValueError(f"{path}: truncated or not an E57 file: {error}") from error
+
+
+def _missing_package(path: Path, package: str) -> ModuleNotFoundError:
+    return ModuleNotFoundError(
+        f"{path}: reading {path.suffix} needs the package {package}: pip install 'skipnet[formats]'"
+    )
+
+
+_READERS: dict[str, Callable[[Path], FloatArray]] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    **dict.fromkeys((".xyz", ".txt", ".csv"), _read_text),
+    **dict.fromkeys((".npy", ".npz"), _read_numpy),
+    **dict.fromkeys((".las", ".laz"), _read_las),
+    ".e57": _read_e57,
+}
+SUPPORTED = tuple(_READERS)
+"""Every extension that ``read_points`` knows."""
