@@ -1,21 +1,12 @@
-"""Furniture: boxes, stacks, tables, shelves and round things, and where they may stand."""
+"""Pieces of furniture: each function draws one, standing on z = 0 near the origin."""
 
 from __future__ import annotations
-
-from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
-from skipnet.simulation.shapes import Surface, box, moved, shifted
+from skipnet.simulation.shapes import Surface, box, cylinder, moved, shifted, sphere
 from skipnet.types import FloatArray
-
-Maker = Callable[[np.random.Generator], list[Surface]]
-"""Draws one piece of furniture, standing on z = 0 near the origin."""
-
-GAP_M = 0.3
-"""Least distance of furniture from walls and from other furniture."""
-PLACEMENT_TRIES = 60
 
 
 def plain_box(rng: np.random.Generator) -> list[Surface]:
@@ -32,76 +23,85 @@ def stack(rng: np.random.Generator) -> list[Surface]:
     return box(lower, hidden=("bottom",)) + on_top
 
 
-def footprint_m(surfaces: Iterable[Surface]) -> FloatArray:
-    """(4, 2) corners of the bounding rectangle in x and y, counter-clockwise."""
-    xy_m = np.concatenate([surface.vertices_m[:, :2] for surface in surfaces])
-    (x0, y0), (x1, y1) = xy_m.min(axis=0), xy_m.max(axis=0)
-    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+def turned_stack(rng: np.random.Generator) -> list[Surface]:
+    """A box on a box, turned against it by any angle."""
+    lower = rng.uniform([0.8, 0.8, 0.4], [1.6, 1.6, 0.9])
+    # The upper's half diagonal stays inside the lower's rim, whatever the angle.
+    upper = np.append(rng.uniform(0.35, 0.65, 2) * lower[:2].min(), rng.uniform(0.3, 0.8))
+    turn = make_transform(_turn(rng.uniform(0, 2 * np.pi)), np.array([0, 0, lower[2]]))
+    return box(lower, hidden=("bottom",)) + moved(box(upper, hidden=("bottom",)), turn)
 
 
-def separation_m(first_m: FloatArray, second_m: FloatArray) -> float:
-    """A lower bound of the distance between two convex polygons (K, 2), (L, 2); negative if they meet.
-
-    The largest gap along any edge normal (separating axes). A segment is a polygon of two corners.
-    """
-    edges = np.concatenate([np.roll(p, -1, axis=0) - p for p in (first_m, second_m)])
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    first, second = first_m @ normals.T, second_m @ normals.T
-    gaps = np.maximum(second.min(axis=0) - first.max(axis=0), first.min(axis=0) - second.max(axis=0))
-    return float(gaps.max())
+def tilted_box(rng: np.random.Generator) -> list[Surface]:
+    """A box tipped by 10 to 50 degrees about a horizontal axis, its lowest edge on the floor."""
+    axis_rad, tip_rad = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(10, 50))
+    axis = np.array([np.cos(axis_rad), np.sin(axis_rad), 0.0])
+    tip = make_transform(rotation_from_vector(tip_rad * axis), np.zeros(3))
+    return _on_floor(moved(box(rng.uniform([0.4, 0.4, 0.3], [1.2, 1.2, 1.2])), tip))
 
 
-def furnish(
-    rng: np.random.Generator,
-    corners_m: FloatArray,
-    makers: Sequence[Maker],
-    keep_free_m: Sequence[FloatArray],
-    turned_freely: bool = False,
-) -> list[Surface]:
-    """One piece per maker at random places in a room; a piece that finds no place stays out.
-
-    Args:
-        rng: draws pieces, places and turns.
-        corners_m: (K, 2) floor plan, counter-clockwise.
-        makers: what to place, one entry per piece.
-        keep_free_m: convex polygons (L, 2) where nothing may stand.
-        turned_freely: turn each piece about z by any angle instead of by quarter turns.
-    """
-    walls = [np.array(wall) for wall in zip(corners_m, np.roll(corners_m, -1, axis=0), strict=True)]
-    taken = [*walls, *keep_free_m]
-    placed: list[Surface] = []
-    for maker in makers:
-        piece = maker(rng)
-        for _ in range(PLACEMENT_TRIES):
-            T_world_piece = _random_stand(rng, corners_m, turned_freely)
-            rectangle = footprint_m(piece) @ T_world_piece[:2, :2].T + T_world_piece[:2, 3]
-            inside = contains(corners_m, T_world_piece[:2, 3])
-            if inside and all(separation_m(rectangle, other) >= GAP_M for other in taken):
-                taken.append(rectangle)
-                placed += moved(piece, T_world_piece)
-                break
-    return placed
+def table(rng: np.random.Generator) -> list[Surface]:
+    """A top on four legs that stand a little inside its rim."""
+    length_m, depth_m, height_m = rng.uniform([1.2, 0.7, 0.65], [2.0, 1.0, 0.8])
+    leg_m, top_m = rng.uniform(0.06, 0.12), rng.uniform(0.04, 0.08)
+    x_m, y_m = length_m / 2 - leg_m / 2 - 0.05, depth_m / 2 - leg_m / 2 - 0.05
+    leg = box(np.array([leg_m, leg_m, height_m - top_m]), hidden=("bottom", "top"))
+    surfaces = shifted(box(np.array([length_m, depth_m, top_m])), (0, 0, height_m - top_m))
+    for x, y in ((x_m, y_m), (-x_m, y_m), (-x_m, -y_m), (x_m, -y_m)):
+        surfaces += shifted(leg, (x, y, 0))
+    return surfaces
 
 
-def square_m(centre_m: FloatArray, half_width_m: float) -> FloatArray:
-    """(4, 2) corners of an axis-aligned square, for areas to keep free."""
-    unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return np.asarray(centre_m) + half_width_m * unit
+def shelf(rng: np.random.Generator) -> list[Surface]:
+    """Two side panels, a back and boards; nothing is flush, so that no two faces share a plane."""
+    width_m, depth_m, height_m = rng.uniform([0.8, 0.3, 1.2], [1.6, 0.45, 2.0])
+    panel_m, step_back_m = 0.04, 0.02
+    inner_m = width_m - 2 * panel_m
+    side = box(np.array([panel_m, depth_m, height_m]), hidden=("bottom",))
+    back = box(np.array([inner_m, panel_m, height_m - step_back_m]), ("bottom", "left", "right"))
+    board_depth_m = depth_m - panel_m - 2 * step_back_m
+    board = box(np.array([inner_m, board_depth_m, panel_m]), hidden=("left", "right", "back"))
+    surfaces = shifted(side, (-(width_m - panel_m) / 2, 0, 0))
+    surfaces += shifted(side, ((width_m - panel_m) / 2, 0, 0))
+    surfaces += shifted(back, (0, (depth_m - panel_m) / 2 - step_back_m, 0))
+    for z_m in np.linspace(0.1, height_m - 0.15, rng.integers(3, 6)):
+        surfaces += shifted(board, (0, -panel_m / 2, z_m))
+    return surfaces
 
 
-def contains(corners_m: FloatArray, point_m: FloatArray) -> bool:
-    """Whether the polygon (K, 2) holds the point (2,): an odd number of edges lies to its right."""
-    (x0, y0), (x1, y1) = corners_m.T, np.roll(corners_m, -1, axis=0).T
-    crosses = (y0 > point_m[1]) != (y1 > point_m[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing_x_m = x0 + (point_m[1] - y0) / (y1 - y0) * (x1 - x0)
-    return bool(np.count_nonzero(crosses & (crossing_x_m > point_m[0])) % 2)
+def drum(rng: np.random.Generator) -> list[Surface]:
+    """A cylinder standing on its end."""
+    return cylinder(rng.uniform(0.2, 0.6), rng.uniform(0.4, 1.6), hidden=("bottom",))
 
 
-def _random_stand(
-    rng: np.random.Generator, corners_m: FloatArray, turned_freely: bool
-) -> FloatArray:
-    turn_rad = rng.uniform(0, 2 * np.pi) if turned_freely else rng.integers(4) * np.pi / 2
-    place_m = rng.uniform(corners_m.min(axis=0), corners_m.max(axis=0))
-    return make_transform(rotation_from_vector([0, 0, turn_rad]), np.append(place_m, 0.0))
+def pipe(rng: np.random.Generator) -> list[Surface]:
+    """A cylinder lying on its side."""
+    lying = make_transform(rotation_from_vector(np.array([np.pi / 2, 0, 0])), np.zeros(3))
+    return _on_floor(moved(cylinder(rng.uniform(0.15, 0.4), rng.uniform(0.8, 2.0)), lying))
+
+
+def ball(rng: np.random.Generator) -> list[Surface]:
+    """A sphere on the floor."""
+    return sphere(rng.uniform(0.25, 0.7))
+
+
+def ball_on_drum(rng: np.random.Generator) -> list[Surface]:
+    """A sphere on a cylinder's top."""
+    radius_m, height_m = rng.uniform(0.25, 0.45), rng.uniform(0.4, 1.0)
+    ball_radius_m = rng.uniform(0.5, 0.9) * radius_m
+    pedestal = cylinder(radius_m, height_m, hidden=("bottom",))
+    return pedestal + shifted(sphere(ball_radius_m), (0, 0, height_m))
+
+
+def column(rng: np.random.Generator, height_m: float) -> list[Surface]:
+    """A round column from floor to ceiling."""
+    return cylinder(rng.uniform(0.15, 0.4), height_m, hidden=("bottom", "top"))
+
+
+def _turn(angle_rad: float) -> FloatArray:
+    return rotation_from_vector(np.array([0.0, 0.0, angle_rad]))
+
+
+def _on_floor(surfaces: list[Surface]) -> list[Surface]:
+    lowest_m = min(surface.vertices_m[:, 2].min() for surface in surfaces)
+    return shifted(surfaces, (0, 0, -lowest_m))

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.geometry import invert, random_rotation
+from skipnet.geometry import invert, random_rotation, transform_points
 from skipnet.simulation.scanner import SimulatedScan, find_scanner, scan
 from skipnet.simulation.scenes import Scene, make_scene, place_sensors, suggestion
-from skipnet.types import FloatArray, Pair
+from skipnet.types import BoolArray, FloatArray, Pair
 
 ROTATIONS = ("yaw", "any")
+SIGHT_TOLERANCE_M = 0.001
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class SimulatedPair:
     scene: Scene
     source: SimulatedScan
     target: SimulatedScan
+    overlap: float
+    """Share of the source's points in free sight of the target's sensor, whatever it sampled."""
 
     @property
     def T_target_source(self) -> FloatArray:
@@ -39,6 +42,7 @@ class SimulatedPair:
             T_target_source=self.T_target_source,
             source_viewpoint_m=np.zeros(3),
             target_viewpoint_m=np.zeros(3),
+            overlap=self.overlap,
         )
 
 
@@ -64,7 +68,14 @@ def simulate_pair(
         ValueError: unknown family, scanner or rotation; the message lists what exists.
     """
     scans, scene = simulate_scans(family, seed, 2, scanner, rotation, points)
-    return SimulatedPair(f"{family}_{seed:04d}", scene, source=scans[1], target=scans[0])
+    target, source = scans
+    return SimulatedPair(
+        name=f"{family}_{seed:04d}",
+        scene=scene,
+        source=source,
+        target=target,
+        overlap=float(in_sight(scene, source, target, find_scanner(scanner).max_range_m).mean()),
+    )
 
 
 def simulate_scans(
@@ -90,3 +101,16 @@ def simulate_scans(
         rng = np.random.default_rng(int(turn_seed))
         scans = [one.in_frame_turned_by(random_rotation(rng)) for one in scans]
     return scans, scene
+
+
+def in_sight(
+    scene: Scene, seen: SimulatedScan, other: SimulatedScan, max_range_m: float
+) -> BoolArray:
+    """(N,) whether the other scan's sensor has each point of ``seen`` in free sight and range."""
+    points_world_m = transform_points(seen.T_world_sensor, seen.true_points_m)
+    sensor_m = other.T_world_sensor[:3, 3]
+    ways_m = points_world_m - sensor_m
+    distance_m = np.linalg.norm(ways_m, axis=1)
+    # The ray caster measures in lengths of the way: 1 is the point itself, less is in front of it.
+    blocked_at_m = scene.raycaster().cast(sensor_m, ways_m).distances * distance_m
+    return (blocked_at_m > distance_m - SIGHT_TOLERANCE_M) & (distance_m <= max_range_m)

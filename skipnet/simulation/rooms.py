@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skipnet.simulation.shapes import Surface, convex_polygon, facing, star_polygon
 from skipnet.types import FloatArray
+
+MARGIN_M = 0.3
+"""Least distance of an opening from the end of its share of the wall."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,15 @@ class Opening:
     def is_door(self) -> bool:
         """True when nothing stands below the hole."""
         return self.bottom_m == 0
+
+
+@dataclass(frozen=True)
+class OpeningKind:
+    """(low, high) ranges from which a row of openings is drawn."""
+
+    width_m: tuple[float, float]
+    bottom_m: tuple[float, float]
+    height_m: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -51,14 +64,14 @@ class Wall:
         """(3,) unit normal towards free space."""
         return np.cross([0.0, 0.0, 1.0], self.along)
 
-    def at(self, along_m: FloatArray, up_m: FloatArray, depth_m: FloatArray | float = 0.0) -> FloatArray:
-        """(..., 3) points at a distance along the wall, a height, and a depth behind its face."""
+    def at(self, along_m: ArrayLike, up_m: ArrayLike, depth_m: ArrayLike = 0.0) -> FloatArray:
+        """(..., 3) points at a way along the wall, a height, and a depth behind its face."""
         base = np.append(self.start_m, 0.0)
         return (
             base
-            + np.multiply.outer(np.asarray(along_m, dtype=np.float64), self.along)
-            + np.multiply.outer(np.asarray(up_m, dtype=np.float64), [0.0, 0.0, 1.0])
-            - np.multiply.outer(np.asarray(depth_m, dtype=np.float64), self.inward)
+            + np.multiply.outer(along_m, self.along)
+            + np.multiply.outer(up_m, [0.0, 0.0, 1.0])
+            - np.multiply.outer(depth_m, self.inward)
         )
 
 
@@ -86,15 +99,15 @@ def reveals(wall: Wall, opening: Opening, thickness_m: float) -> list[Surface]:
     """The faces inside an opening: two jambs, the lintel, and a window's sill."""
     (left, right), (bottom, top) = _span(opening), _rise(opening)
     depth = [0, 0, thickness_m, thickness_m]
-    up = np.array([0.0, 0.0, 1.0])
+    across, up = [left, right, right, left], [bottom, top, top, bottom]
     faces = [
-        facing(convex_polygon(wall.at([left] * 4, [bottom, top, top, bottom], depth)), wall.along),
-        facing(convex_polygon(wall.at([right] * 4, [bottom, top, top, bottom], depth)), -wall.along),
-        facing(convex_polygon(wall.at([left, right, right, left], [top] * 4, depth)), -up),
+        facing(convex_polygon(wall.at([left] * 4, up, depth)), wall.along),
+        facing(convex_polygon(wall.at([right] * 4, up, depth)), -wall.along),
+        facing(convex_polygon(wall.at(across, [top] * 4, depth)), (0, 0, -1)),
     ]
     if not opening.is_door:
-        sill = wall.at([left, right, right, left], [bottom] * 4, depth)
-        faces.append(facing(convex_polygon(sill), up))
+        sill = wall.at(across, [bottom] * 4, depth)
+        faces.append(facing(convex_polygon(sill), (0, 0, 1)))
     return faces
 
 
@@ -133,39 +146,56 @@ def floor_pieces(room: Room, openings: Mapping[int, Sequence[Opening]]) -> list[
     return pieces
 
 
-def shell(room: Room, openings: Mapping[int, Sequence[Opening]]) -> list[Surface]:
+def shell(
+    room: Room, openings: Mapping[int, Sequence[Opening]], bare: Container[int] = ()
+) -> list[Surface]:
     """Ceiling, walls and reveals of a room, without the floor.
 
     Args:
         room: the floor plan.
         openings: wall index -> its openings. A wall with openings must have the whole room on its
             inner side, or beams that leave would meet other walls from behind.
+        bare: walls whose openings get no reveals, because the room behind a shared wall has them.
     """
     surfaces = [facing(_slab(room, room.height_m), (0, 0, -1))]
     for index, wall in enumerate(room.walls):
         holes = openings.get(index, ())
         surfaces.append(wall_face(wall, holes))
-        surfaces += [face for hole in holes for face in reveals(wall, hole, room.thickness_m)]
+        if index not in bare:
+            surfaces += [face for hole in holes for face in reveals(wall, hole, room.thickness_m)]
     return surfaces
+
+
+def faces_whole_room(room: Room, index: int) -> bool:
+    """Whether the whole room lies on the inner side of a wall, as it does for a convex plan."""
+    wall = room.walls[index]
+    return bool(((room.corners_m - wall.start_m) @ wall.inward[:2] >= -1e-9).all())
+
+
+def rectangle(
+    low_m: ArrayLike, high_m: ArrayLike, height_m: float, thickness_m: float
+) -> Room:
+    """A room between two corners (2,); walls 0 to 3 face +y, -x, -y and +x."""
+    (x0, y0), (x1, y1) = np.asarray(low_m), np.asarray(high_m)
+    corners_m = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=np.float64)
+    return Room(corners_m, height_m, thickness_m, kernel_m=corners_m.mean(axis=0))
 
 
 def openings_in_row(
     rng: np.random.Generator,
     wall_length_m: float,
     count: int,
-    width_m: tuple[float, float],
-    bottom_m: tuple[float, float],
-    height_m: tuple[float, float],
-    margin_m: float = 0.3,
+    kind: OpeningKind,
 ) -> list[Opening]:
     """``count`` equal openings, each at a random place within its own share of the wall.
 
-    Width, sill and height are drawn once from their (low, high) ranges, as in a real row of windows.
+    Width, sill and height are drawn once, as in a real row; a short wall narrows its openings.
     """
     share_m = wall_length_m / count
-    width = min(rng.uniform(*width_m), share_m - 2 * margin_m)
-    bottom, height = rng.uniform(*bottom_m), rng.uniform(*height_m)
-    starts_m = share_m * np.arange(count) + rng.uniform(margin_m, share_m - margin_m - width, count)
+    width = min(rng.uniform(*kind.width_m), share_m - 2 * MARGIN_M)
+    bottom, height = rng.uniform(*kind.bottom_m), rng.uniform(*kind.height_m)
+    slack_m = share_m - 2 * MARGIN_M - width
+    starts_m = share_m * np.arange(count) + MARGIN_M + slack_m * rng.random(count)
     return [Opening(float(start), width, bottom, height) for start in starts_m]
 
 

@@ -23,7 +23,7 @@ class Scanner:
     lowest_rad: float
     highest_rad: float
     fixed_channels: bool
-    """True for a device with a few lasers; False for one that may sample elevation as finely as azimuth."""
+    """True for a few lasers; False for a device that samples elevation as finely as azimuth."""
     range_sigma_m: float = 0.004
     """Standard deviation of the range, normal, along the beam."""
     dropout: float = 0.02
@@ -105,7 +105,9 @@ def scan(scene: Scene, scanner: Scanner, T_world_sensor: FloatArray, seed: int) 
     )
     step_rad = 2 * np.pi / scanner.azimuth_steps
     directions = scanner.directions(start_rng.uniform(0, step_rad))
-    ranges_m, triangle = _cast(scene, T_world_sensor, directions)
+    rotation = np.asarray(T_world_sensor, dtype=np.float64)[:3, :3]
+    hits = scene.raycaster().cast(T_world_sensor[:3, 3], directions @ rotation.T)
+    ranges_m = hits.distances
     returned = (ranges_m >= scanner.min_range_m) & (ranges_m <= scanner.max_range_m)
     # Both draws are per beam, not per return: a beam's noise does not depend on what others hit.
     noise_m = noise_rng.normal(0.0, scanner.range_sigma_m, len(ranges_m))
@@ -114,7 +116,7 @@ def scan(scene: Scene, scanner: Scanner, T_world_sensor: FloatArray, seed: int) 
     return SimulatedScan(
         points_m=(directions * (ranges_m + noise_m)[:, None]).astype(np.float32),
         true_points_m=(directions * ranges_m[:, None]).astype(np.float32),
-        surface_of_point=scene.surface_of_triangle[triangle[returned]],
+        surface_of_point=scene.surface_of_triangle[hits.triangle[returned]],
         T_world_sensor=np.asarray(T_world_sensor, dtype=np.float64),
     )
 
@@ -128,14 +130,3 @@ def find_scanner(name: str) -> Scanner:
     if name not in SCANNERS:
         raise ValueError(f"unknown scanner {name!r}{suggestion(name, tuple(SCANNERS))}")
     return SCANNERS[name]
-
-
-def _cast(
-    scene: Scene, T_world_sensor: FloatArray, directions: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """Range (N,), infinite where nothing was hit, and triangle (N,) of each beam."""
-    rays = np.empty((len(directions), 6), dtype=np.float32)
-    rays[:, :3] = T_world_sensor[:3, 3]
-    rays[:, 3:] = directions @ T_world_sensor[:3, :3].T
-    hits = scene.raycaster().cast_rays(rays)
-    return hits["t_hit"].numpy().astype(np.float64), hits["primitive_ids"].numpy()

@@ -1,23 +1,34 @@
-"""A simulated scene: triangles that know which surface they belong to, and where sensors may stand."""
+"""A simulated scene: triangles that know their surface, and where sensors may stand."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
-from skipnet.simulation.families import FAMILY_MAKERS, Station
+from skipnet.simulation import facades, families
+from skipnet.simulation.drafts import Draft, Station
+from skipnet.simulation.raycasting import Raycaster
 from skipnet.simulation.shapes import triangle_normals
 from skipnet.types import BoolArray, FloatArray, IntArray
 
-if TYPE_CHECKING:
-    import open3d as o3d
-
+FAMILY_MAKERS: dict[str, Callable[[np.random.Generator], Draft]] = {
+    "paper_room": families.paper_room,
+    "oblique": families.oblique,
+    "curved": families.curved,
+    "doorway": families.doorway,
+    "closed": families.closed,
+    "facade": facades.facade,
+    "corridor": families.corridor,
+    "symmetric": families.symmetric,
+}
 FAMILIES: tuple[str, ...] = tuple(FAMILY_MAKERS)
 """Names that `make_scene` knows."""
+AMBIGUOUS_FAMILIES: tuple[str, ...] = ("corridor", "symmetric")
+"""Families in which no two scans fix their pose: the right answer is that there are several."""
 SENSOR_HEIGHT_M = (1.0, 1.8)
 SENSOR_CLEARANCE_M = 0.5
 """Least distance of a placed sensor from every surface."""
@@ -50,16 +61,9 @@ class Scene:
         """(T, 3) unit normals into free space."""
         return triangle_normals(self.vertices_m, self.triangles)
 
-    def raycaster(self) -> o3d.t.geometry.RaycastingScene:
-        """A new Open3D ray caster that holds the scene's triangles (float32 inside)."""
-        import open3d as o3d
-
-        caster = o3d.t.geometry.RaycastingScene()
-        caster.add_triangles(
-            o3d.core.Tensor(self.vertices_m.astype(np.float32)),
-            o3d.core.Tensor(self.triangles.astype(np.uint32)),
-        )
-        return caster
+    def raycaster(self) -> Raycaster:
+        """A new ray caster that holds the scene's triangles."""
+        return Raycaster(self.vertices_m, self.triangles)
 
 
 def make_scene(family: str, seed: int) -> Scene:
@@ -107,23 +111,22 @@ def place_sensors(scene: Scene, count: int, seed: int) -> FloatArray:
 
 
 def is_free(scene: Scene, positions_m: FloatArray) -> BoolArray:
-    """Whether sensors at (N, 3) world positions stand in free space over a floor, with clearance."""
+    """Whether sensors at (N, 3) world positions stand in free space over the floor, with clearance."""
     caster = scene.raycaster()
-    positions = np.asarray(positions_m, dtype=np.float32)
-    clear = caster.compute_distance(positions).numpy() >= SENSOR_CLEARANCE_M
-    up = np.broadcast_to(np.array([0, 0, 1], dtype=np.float32), positions.shape)
-    above = caster.cast_rays(np.hstack([positions, up]))
-    below = caster.cast_rays(np.hstack([positions, -up]))
+    clear = caster.distances_m(positions_m) >= SENSOR_CLEARANCE_M
+    up = np.broadcast_to([0.0, 0.0, 1.0], positions_m.shape)
+    above, below = caster.cast(positions_m, up), caster.cast(positions_m, -up)
     # Furniture has no bottom face: from inside, the first face overhead is met from behind.
-    covered = np.isfinite(above["t_hit"].numpy()) & (above["primitive_normals"].numpy()[:, 2] > 0)
-    floored = np.isfinite(below["t_hit"].numpy()) & (below["primitive_normals"].numpy()[:, 2] > 0)
-    return clear & floored & ~covered
+    inside_furniture = above.normals[:, 2] > 0
+    over_floor = np.abs(below.distances - positions_m[:, 2]) < 1e-3
+    return clear & over_floor & ~inside_furniture
 
 
 def suggestion(given: str, known: tuple[str, ...]) -> str:
     """The end of an error message: the name that may have been meant, and all names there are."""
     close = get_close_matches(given, known, n=1)
-    return (f"; did you mean {close[0]!r}?" if close else ";") + f" expected one of {', '.join(known)}"
+    meant = f"did you mean {close[0]!r}? " if close else ""
+    return f"; {meant}expected one of {', '.join(known)}"
 
 
 def _free_place(scene: Scene, station: Station, rng: np.random.Generator) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Building blocks of simulated scenes: triangle surfaces wound so that normals point into free space.
+"""Building blocks of simulated scenes: triangles wound so that normals point into free space.
 
 Lengths are metres, z points up. A solid is a list of `Surface`; faces that nothing can ever see (a
 box's bottom on the floor) are left out, so that counting the surfaces around a point counts what
