@@ -64,12 +64,10 @@ def simulated_pairs(
         raise ValueError(f"pairs={count}: expected at least one simulated pair")
 
     def load(index: int) -> Pair:
-        simulated = simulate_pair(
-            family, seed + index, scanner=scanner, rotation=rotation, points=points
-        )
-        return replace(simulated.pair, name=names[index], set_name=family)
+        simulated = simulate_pair(family, seed + index, scanner, rotation, points)
+        return replace(simulated.pair, name=names[index])
 
-    names = tuple(f"{family}-{seed + index:05d}" for index in range(count))
+    names = tuple(f"{family}_{seed + index:04d}" for index in range(count))
     return PairSet(names, load)
 
 

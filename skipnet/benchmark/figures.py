@@ -1,0 +1,142 @@
+"""The report's figures: error curves, errors pair by pair, time by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skipnet.benchmark.methods import STAGES
+from skipnet.benchmark.scoring import ScoreRow, row_label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#555555")
+"""Okabe and Ito's palette, told apart with any kind of colour vision."""
+STAGE_COLOURS = {"map": "#56b4e9", "transform": "#e69f00", "fine": "#0072b2"}
+STAGE_NAMES = {"map": "voxels and map", "transform": "coarse transform", "fine": "fine match"}
+
+
+def draw_figures(
+    rows: Sequence[ScoreRow],
+    summary: Sequence[dict[str, Any]],
+    labels: dict[str, str],
+    folder: Path,
+) -> dict[str, Path]:
+    """Write every figure as PNG into ``folder``.
+
+    Returns:
+        Caption to file, in the order in which a report shows them.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = {
+        "Share of the pairs within an error": (draw_error_curves(rows, labels), "error_curves.png"),
+        "Error of every pair": (draw_pair_errors(rows, labels), "pair_errors.png"),
+        "Time of each stage (median)": (draw_times(summary), "times.png"),
+    }
+    for figure, name in drawn.values():
+        figure.savefig(folder / name, dpi=150)
+    return {caption: folder / name for caption, (_, name) in drawn.items()}
+
+
+def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
+    """Cumulative curves of the mean axis error; a curve that ends below 1 has pairs without a pose."""
+    figure, axes = _new_figure(4.2)
+    for colour, (label, chosen) in _coloured(rows, labels):
+        errors_mm = np.sort([row.mean_error_mm for row in chosen])
+        shares = np.arange(1, len(errors_mm) + 1) / len(errors_mm)
+        finite = np.isfinite(errors_mm)
+        x_mm = np.concatenate([errors_mm[finite][:1], errors_mm[finite]])
+        y = np.concatenate([[0.0], shares[finite]])
+        axes.step(x_mm, y, where="post", color=colour, label=label, linewidth=2)
+    axes.set(xscale="log", xlabel="mean axis error (mm)", ylabel="share of the pairs", ylim=(0, 1.03))
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    return figure
+
+
+def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
+    """One dot per pair and row; hollow dots are failures."""
+    figure, axes = _new_figure(4.2)
+    index_of = {name: i for i, name in enumerate(dict.fromkeys(row.pair for row in rows))}
+    for colour, (label, chosen) in _coloured(rows, labels):
+        x = np.array([index_of[row.pair] for row in chosen])
+        errors_mm = np.array([row.mean_error_mm for row in chosen])
+        right = np.array([row.success for row in chosen])
+        axes.scatter(x[right], errors_mm[right], s=22, color=colour, label=label)
+        axes.scatter(x[~right], errors_mm[~right], s=22, facecolors="none", edgecolors=colour)
+    axes.set(yscale="log", xlabel="pair", ylabel="mean axis error (mm)")
+    axes.legend(
+        frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0), title="filled: success"
+    )
+    return figure
+
+
+def draw_times(summary: Sequence[dict[str, Any]]) -> Figure:
+    """One bar per method, its stages stacked."""
+    methods = list(dict.fromkeys(entry["method"] for entry in summary))
+    figure, axes = _new_figure(1.2 + 0.45 * len(methods))
+    stage_s = {method: median_stages_s(summary, method) for method in methods}
+    left_s = np.zeros(len(methods))
+    for stage in STAGES:
+        seconds = np.array([stage_s[method][stage] for method in methods])
+        if seconds.any():
+            axes.barh(
+                range(len(methods)),
+                seconds,
+                left=left_s,
+                color=STAGE_COLOURS[stage],
+                label=STAGE_NAMES[stage],
+                height=0.6,
+            )
+        left_s += seconds
+    for y, total_s in enumerate(left_s):
+        axes.text(total_s, y, f" {total_s:.2f} s", va="center")
+    names = [entry["label"].split(":")[0] for entry in summary if entry["stage"] == "fine"]
+    axes.set_yticks(range(len(methods)), names)
+    axes.invert_yaxis()
+    axes.margins(x=0.12)
+    axes.set(xlabel="seconds (median over the pairs)")
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    return figure
+
+
+def median_stages_s(summary: Sequence[dict[str, Any]], method: str) -> dict[str, float]:
+    """Median seconds of the three stages of one method, 0 for those it does not have."""
+    entries = {entry["stage"]: entry["median"] for entry in summary if entry["method"] == method}
+    coarse = entries.get("coarse", {})
+    return {
+        "map": coarse.get("map_s") or 0.0,
+        "transform": coarse.get("transform_s") or 0.0,
+        "fine": entries["fine"]["time_s"] or 0.0,
+    }
+
+
+def _coloured(
+    rows: Sequence[ScoreRow], labels: dict[str, str]
+) -> list[tuple[str, tuple[str, list[ScoreRow]]]]:
+    """(colour, (label, rows)) of every method and stage."""
+    keys = list(dict.fromkeys((row.method, row.stage) for row in rows))
+    both = {method for method, stage in keys if stage == "coarse"}
+    groups = [
+        (
+            row_label(labels[method], stage, method in both),
+            [row for row in rows if (row.method, row.stage) == (method, stage)],
+        )
+        for method, stage in keys
+    ]
+    return [(COLOURS[i % len(COLOURS)], group) for i, group in enumerate(groups)]
+
+
+def _new_figure(height_inch: float) -> tuple[Figure, Axes]:
+    # Without pyplot: nothing global, nothing to close.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, height_inch), layout="constrained")
+    axes = figure.subplots()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.3)
+    return figure, axes

@@ -1,0 +1,106 @@
+"""A method in a child process of its own, which can be stopped: a hang or a crash costs one pair."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+
+from skipnet.benchmark.methods import Estimate, Method, Task
+
+
+def isolated(make: Callable[[], Method], limit_s: float) -> Method:
+    """The method that ``make`` builds, run in a child process and stopped after ``limit_s`` seconds.
+
+    The child is started at the first call and reused; only a stop or a crash brings a new one. Building the
+    method does not count towards the limit.
+
+    Args:
+        make: picklable, called in the child.
+        limit_s: wall time that one call may take.
+
+    Returns:
+        A method that raises TimeoutError past the limit, RuntimeError when the child dies, and whatever
+        exception the method itself raises.
+    """
+    worker = _Worker(make)
+
+    def run(task: Task) -> Estimate:
+        return worker.answer(task, limit_s)
+
+    return run
+
+
+class _Worker:
+    """Owner of the child process and of the pipe to it."""
+
+    def __init__(self, make: Callable[[], Method]) -> None:
+        self._make = make
+        self._process: SpawnProcess | None = None
+        self._pipe: Connection | None = None
+
+    def answer(self, task: Task, limit_s: float) -> Estimate:
+        pipe = self._pipe or self._start()
+        try:
+            pipe.send(task)
+            if not pipe.poll(limit_s):
+                self._stop()
+                raise TimeoutError(f"stopped after the time limit of {limit_s:g} s")
+            answer = pipe.recv()
+        except (EOFError, BrokenPipeError, ConnectionResetError) as error:
+            process, code = self._process, None
+            if process is not None:
+                process.join()
+                code = process.exitcode
+            self._stop()
+            raise RuntimeError(f"the method's process died (exit code {code})") from error
+        if isinstance(answer, Exception):
+            raise answer
+        estimate: Estimate = answer
+        return estimate
+
+    def _start(self) -> Connection:
+        # spawn, not fork: a forked child inherits locks of thread pools that no longer have threads.
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(self._make, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._pipe = ours
+        try:
+            built = ours.recv()
+        except EOFError as error:
+            self._stop()
+            raise RuntimeError("the method's process died while it was built") from error
+        if isinstance(built, Exception):
+            self._stop()
+            raise built
+        return ours
+
+    def _stop(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        if self._pipe is not None:
+            self._pipe.close()
+        self._process = self._pipe = None
+
+
+def _serve(make: Callable[[], Method], pipe: Connection) -> None:
+    """The child: build the method, then answer tasks until the pipe closes."""
+    try:
+        method = make()
+    except Exception as error:
+        pipe.send(error)
+        return
+    pipe.send("built")
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        try:
+            pipe.send(method(task))
+        except Exception as error:
+            pipe.send(error)

@@ -1,0 +1,211 @@
+"""The report's tables, as plain strings that Markdown, HTML and TensorBoard share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from skipnet.benchmark.predictions import Prediction
+from skipnet.benchmark.scoring import ScoreRow, row_label
+
+NOTHING = "–"
+
+STATUSES = ("registered", "ambiguous", "failed")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled table; the first column names the rows, the others are set flush right."""
+
+    title: str
+    headers: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    folded: bool = False
+    """Long tables stay closed in HTML until they are asked for."""
+
+    def markdown(self) -> str:
+        """The table in GitHub's Markdown, title and note included."""
+        lines = [f"## {self.title}", "", _line(self.headers)]
+        lines.append(_line(("---",) + ("---:",) * (len(self.headers) - 1)))
+        lines += [_line(row) for row in self.rows]
+        return "\n".join([*lines, "", self.note, ""] if self.note else [*lines, ""])
+
+
+# Table 2 of the paper: what skipnet's rows stand beside.
+PAPER_TABLE_2: dict[tuple[str, str], dict[str, float]] = {
+    ("skipnet", "coarse"): {
+        "time_s": 40.42898,
+        "map_s": 40.343184,
+        "transform_s": 0.085791,
+        "x_error_mm": 52.767,
+        "y_error_mm": 12.13,
+        "z_error_mm": 63.72,
+        "mean_error_mm": 42.872,
+    },
+    ("skipnet", "fine"): {
+        "time_s": 8.501487,
+        "x_error_mm": 8.943,
+        "y_error_mm": 6.673,
+        "z_error_mm": 10.31,
+        "mean_error_mm": 8.642,
+    },
+    ("icp", "fine"): {
+        "time_s": 665.682670,
+        "x_error_mm": 1196.863,
+        "y_error_mm": 104.67,
+        "z_error_mm": 606.433,
+        "mean_error_mm": 635.9887,
+    },
+}
+
+TABLE_2_COLUMNS = {
+    "time_s": "time (s)",
+    "map_s": "of it map (s)",
+    "transform_s": "transform (s)",
+    "x_error_mm": "X (mm)",
+    "y_error_mm": "Y (mm)",
+    "z_error_mm": "Z (mm)",
+    "mean_error_mm": "mean (mm)",
+    "rotation_error_deg": "rotation (deg)",
+}
+
+
+def table_2(summary: Sequence[dict[str, Any]], with_paper: bool) -> Table:
+    """The paper's Table 2 over all pairs: medians, with the paper's own line under each of ours."""
+    rows = []
+    for entry in summary:
+        rows.append((entry["label"], _success(entry), *_measures(entry, entry["median"])))
+        paper = PAPER_TABLE_2.get((entry["method"], entry["stage"]))
+        if with_paper and paper is not None:
+            rows.append(("– the paper", "one pair", *_measures(entry, paper)))
+    note = (
+        "Medians over all pairs; a pair without an answer has infinite errors. X, Y, Z: mean over the source's "
+        "points p of |T_estimated p - T_true p| along that axis of the target's frame. The time of a row is its "
+        "own stage: fine is what comes on top of coarse. All times were taken in the same process."
+    )
+    headers = ("", "success", *TABLE_2_COLUMNS.values())
+    return Table("Table 2: time and error of each stage", headers, tuple(rows), note)
+
+
+def means_table(summary: Sequence[dict[str, Any]]) -> Table:
+    """The same columns as means, which one bad pair can rule, with the largest mean error."""
+    rows = tuple(
+        (
+            entry["label"],
+            f"{entry['poses']} of {entry['pairs']}",
+            *_measures(entry, entry["mean"]),
+            number(entry["largest"]["mean_error_mm"]),
+        )
+        for entry in summary
+    )
+    headers = ("", "poses", *TABLE_2_COLUMNS.values(), "largest (mm)")
+    note = "Means over the pairs that got a pose; largest: the worst pair's mean error (– if one has no pose)."
+    return Table("Means instead of medians", headers, rows, note)
+
+
+def sets_table(summary: Sequence[dict[str, Any]]) -> Table:
+    """Success per set, and the mean over sets, which does not let the largest set decide."""
+    sets = list(summary[0]["success_rate_by_set"])
+    rows = tuple(
+        (
+            entry["label"],
+            *(f"{entry['success_rate_by_set'][name]:.0%}" for name in sets),
+            f"{entry['success_rate_mean_of_sets']:.1%}",
+            f"{entry['successes']} of {entry['pairs']}",
+        )
+        for entry in summary
+    )
+    return Table("Success by set", ("", *sets, "mean of sets", "all pairs"), rows)
+
+
+def verdict_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
+    """What each method said about its answers against whether they were right."""
+    lines = []
+    for method in dict.fromkeys(row.method for row in rows):
+        final = [row for row in rows if row.method == method and row.stage == "fine"]
+        cells = []
+        for status in STATUSES:
+            said = [row for row in final if row.status == status and not row.error]
+            cells.append(_right_of(said))
+        lines.append((labels[method], *cells, str(sum(bool(row.error) for row in final))))
+    note = "Right answers among those with that status. A method without a verdict of its own says registered."
+    return Table("What the methods said", ("", *STATUSES, "no answer"), tuple(lines), note)
+
+
+def failures_table(rows: Sequence[ScoreRow], predictions: Sequence[Prediction]) -> Table | None:
+    """Every final pose that was not a success, worst first, and why; None if all were right."""
+    reason_of = {(p.pair, p.method): p.error or p.reason for p in predictions}
+    failed = [row for row in rows if row.stage == "fine" and not row.success]
+    if not failed:
+        return None
+    failed.sort(key=lambda row: (row.method, -row.mean_error_mm, row.pair))
+    lines = tuple(
+        (
+            row.pair,
+            row.method,
+            row.status,
+            number(row.rotation_error_deg),
+            number(row.mean_error_mm),
+            reason_of[row.pair, row.method],
+        )
+        for row in failed
+    )
+    headers = ("pair", "method", "status", "rotation (deg)", "mean (mm)", "reason")
+    return Table(f"Failures ({len(failed)})", headers, lines, folded=True)
+
+
+def pairs_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
+    """Every row of scores.csv that people look at."""
+    both = {row.method for row in rows if row.stage == "coarse"}
+    lines = tuple(
+        (
+            row.pair,
+            row_label(labels[row.method], row.stage, row.method in both),
+            "yes" if row.success else "no",
+            number(row.time_s),
+            number(row.x_error_mm),
+            number(row.y_error_mm),
+            number(row.z_error_mm),
+            number(row.mean_error_mm),
+            number(row.rotation_error_deg),
+        )
+        for row in rows
+    )
+    columns = [TABLE_2_COLUMNS[name] for name in ("time_s", "x_error_mm", "y_error_mm", "z_error_mm")]
+    headers = ("pair", "", "success", *columns, "mean (mm)", "rotation (deg)")
+    return Table("Every pair", headers, lines, folded=True)
+
+
+def number(value: float | None) -> str:
+    """Three significant digits, without an exponent; a dash for what is missing or infinite.
+
+    >>> [number(value) for value in (635.9887, 8.642, 0.085791, 0.00012, 0.0, None)]
+    ['636', '8.64', '0.0858', '0.00012', '0', '–']
+    """
+    if value is None or abs(value) == float("inf"):
+        return NOTHING
+    if value == 0:
+        return "0"
+    digits = max(0, 2 - int(f"{value:e}".split("e")[1]))
+    text = f"{value:.{min(digits, 5)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text and digits > 3 else text
+
+
+def _measures(entry: dict[str, Any], values: dict[str, float | None]) -> list[str]:
+    """The cells of Table 2; only the coarse stage has a map and a transform."""
+    skipped = () if entry["stage"] == "coarse" else ("map_s", "transform_s")
+    return [NOTHING if name in skipped else number(values.get(name)) for name in TABLE_2_COLUMNS]
+
+
+def _success(entry: dict[str, Any]) -> str:
+    return f"{entry['successes']} of {entry['pairs']}"
+
+
+def _right_of(rows: list[ScoreRow]) -> str:
+    return f"{sum(row.success for row in rows)} of {len(rows)}" if rows else NOTHING
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"

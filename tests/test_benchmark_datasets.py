@@ -1,0 +1,102 @@
+"""Pair sets: the truth they carry, repeatability, and folders that are not what they should be."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from skipnet.benchmark.datasets import PairSet, folder_pairs, simulated_pairs
+from skipnet.clouds.formats import write_ply
+from skipnet.geometry import invert, make_transform, rotation_angle_rad, transform_points
+
+
+@pytest.fixture
+def truth():
+    return make_transform(Rotation.from_euler("z", 0.3).as_matrix(), np.array([1.0, -2.0, 0.5]))
+
+
+@pytest.fixture
+def folder(tmp_path, truth):
+    """Two sets of one pair each; source and target hold the same points, so the truth can be checked."""
+    target_m = np.random.default_rng(0).uniform(-2, 2, (50, 3))
+    for name in ("hall", "attic"):
+        (tmp_path / name).mkdir()
+        write_ply(tmp_path / name / "target.ply", target_m)
+        write_ply(tmp_path / name / "source.ply", transform_points(invert(truth), target_m))
+    entries = [
+        {
+            "set": name,
+            "source": f"{name}/source.ply",
+            "target": f"{name}/target.ply",
+            "T_target_source": truth.tolist(),
+            "success_rotation_deg": 2.0,
+            "success_translation_m": 0.1,
+            "overlap": 0.7,
+        }
+        for name in ("hall", "attic")
+    ]
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": entries}))
+    return tmp_path
+
+
+@pytest.mark.parametrize(("turn", "shift_m"), [(False, 0.0), (True, 0.0), (True, 3.0), (False, 3.0)])
+def test_truth_follows_the_moved_source(folder, truth, turn, shift_m):
+    pair = folder_pairs(folder, turn=turn, shift_m=shift_m, seed=5).load(0)
+    aligned_m = transform_points(pair.T_target_source, pair.source_m)
+    assert aligned_m == pytest.approx(pair.target_m, abs=1e-5)
+    motion = invert(truth) @ pair.T_target_source
+    assert np.linalg.norm(invert(motion)[:3, 3]) == pytest.approx(shift_m, abs=1e-9)
+    assert (rotation_angle_rad(motion[:3, :3]) > 0.1) == turn
+
+
+def test_turn_depends_on_seed_and_pair_alone(folder):
+    everything = folder_pairs(folder, seed=3)
+    attic = folder_pairs(folder, sets=["attic"], seed=3)
+    np.testing.assert_array_equal(everything.load(1).source_m, attic.load(0).source_m)
+    turns = [everything.load(0), everything.load(1), folder_pairs(folder, seed=4).load(0)]
+    assert len({pair.T_target_source.tobytes() for pair in turns}) == 3
+
+
+def test_thresholds_and_names_come_from_the_file(folder):
+    pairs = folder_pairs(folder)
+    assert pairs.names == ("hall/source-to-target", "attic/source-to-target")
+    pair = pairs.load(1)
+    assert (pair.set_name, pair.overlap, pair.success_translation_m) == ("attic", 0.7, 0.1)
+    assert pair.success_rotation_rad == pytest.approx(np.deg2rad(2.0))
+    assert pair.source_viewpoint_m is None
+
+
+def test_simulated_pairs_are_named_by_their_seed():
+    pairs = simulated_pairs("paper_room", 2, seed=7, points=500)
+    assert pairs.names == ("paper_room_0007", "paper_room_0008")
+    first, again = pairs.load(1), simulated_pairs("paper_room", 1, seed=8, points=500).load(0)
+    assert first.name == again.name == "paper_room_0008"
+    np.testing.assert_array_equal(first.source_m, again.source_m)
+
+
+def test_missing_folder_says_which_option_names_it(tmp_path):
+    with pytest.raises(FileNotFoundError, match="data=FOLDER"):
+        folder_pairs(tmp_path / "nowhere")
+
+
+def test_unknown_set_lists_the_known_ones(folder):
+    with pytest.raises(ValueError, match="attic.*hall"):
+        folder_pairs(folder, sets=["cellar"])
+
+
+@pytest.mark.parametrize("text", ["not json", "[]", "{}", '{"pairs": []}'])
+def test_broken_pairs_file_is_refused(tmp_path, text):
+    (tmp_path / "pairs.json").write_text(text)
+    with pytest.raises(ValueError, match="pairs"):
+        folder_pairs(tmp_path)
+
+
+def test_repeated_names_are_refused():
+    with pytest.raises(ValueError, match="unique"):
+        PairSet(("a", "b", "a"), load=lambda index: None)
+
+
+def test_no_simulated_pairs_are_refused():
+    with pytest.raises(ValueError, match="pairs=0"):
+        simulated_pairs("paper_room", 0)

@@ -1,0 +1,107 @@
+"""Errors and rates: hand-worked cases first, SciPy and invariants, then bad input."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
+
+from skipnet.benchmark.metrics import (
+    MISSING_POSE,
+    axis_errors_m,
+    score_pose,
+    success_rate,
+    wilson_interval,
+)
+from skipnet.geometry import make_transform, rotation_from_vector, transform_points
+from skipnet.types import Pair
+
+POINTS_M = np.array([[1.0, 0.0, 5.0], [2.0, 0.5, 5.0], [-3.0, 1.0, 0.0]])
+
+
+def pair_with(T_target_source, rotation_deg=0.5, translation_m=0.03):
+    return Pair(
+        name="pair",
+        set_name="set",
+        source_m=POINTS_M,
+        target_m=POINTS_M,
+        T_target_source=T_target_source,
+        success_rotation_rad=np.deg2rad(rotation_deg),
+        success_translation_m=translation_m,
+    )
+
+
+def test_shift_moves_every_point_alike():
+    T_shifted = make_transform(np.eye(3), np.array([0.01, -0.02, 0.0]))
+    assert axis_errors_m(T_shifted, np.eye(4), POINTS_M) == pytest.approx((0.01, 0.02, 0.0))
+
+
+def test_quarter_turn_by_hand():
+    # (x, y) -> (-y, x): displacements (-y - x, x - y), here (-1, 1), (-2.5, 1.5), (2, -4).
+    T_turned = make_transform(rotation_from_vector(np.array([0, 0, np.pi / 2])), np.zeros(3))
+    expected = (1 + 2.5 + 2) / 3, (1 + 1.5 + 4) / 3, 0.0
+    assert axis_errors_m(T_turned, np.eye(4), POINTS_M) == pytest.approx(expected)
+
+
+def test_axis_errors_do_not_depend_on_the_source_frame():
+    rng = np.random.default_rng(0)
+    T_estimated, T_true, T_source_other = (
+        make_transform(Rotation.random(rng=rng).as_matrix(), rng.standard_normal(3))
+        for _ in range(3)
+    )
+    other_m = transform_points(np.linalg.inv(T_source_other), POINTS_M)
+    moved = axis_errors_m(T_estimated @ T_source_other, T_true @ T_source_other, other_m)
+    assert moved == pytest.approx(axis_errors_m(T_estimated, T_true, POINTS_M))
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "shift_m", "success"),
+    [(0.49, 0.029, True), (0.51, 0.0, False), (0.0, 0.031, False), (180.0, 0.0, False)],
+)
+def test_success_needs_both_errors_under_their_thresholds(turn_deg, shift_m, success):
+    rng = np.random.default_rng(1)
+    truth = make_transform(Rotation.random(rng=rng).as_matrix(), rng.standard_normal(3))
+    axis, direction = rng.standard_normal((2, 3))
+    turn = Rotation.from_rotvec(np.deg2rad(turn_deg) * axis / np.linalg.norm(axis)).as_matrix()
+    shift = shift_m * direction / np.linalg.norm(direction)
+    estimate = make_transform(turn @ truth[:3, :3], truth[:3, 3] + shift)
+    score = score_pose(estimate, pair_with(truth))
+    assert score.success is success
+    assert np.rad2deg(score.rotation_error_rad) == pytest.approx(turn_deg, abs=1e-5)
+    assert score.translation_error_m == pytest.approx(shift_m, abs=1e-12)
+
+
+def test_mean_error_is_the_mean_of_the_axes():
+    score = score_pose(make_transform(np.eye(3), np.array([0.03, 0.0, 0.06])), pair_with(np.eye(4)))
+    assert score.mean_error_m == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize("estimate", [None, np.full((4, 4), np.nan)])
+def test_no_pose_is_a_failure_with_infinite_errors(estimate):
+    score = score_pose(estimate, pair_with(np.eye(4)))
+    assert score == MISSING_POSE
+    assert not score.success
+    assert score.mean_error_m == np.inf
+
+
+def test_failures_stay_in_the_denominator():
+    assert success_rate([True, False, False, True]) == 0.5
+
+
+@pytest.mark.parametrize(("successes", "pairs"), [(0, 7), (3, 7), (81, 88), (40, 40)])
+def test_wilson_interval_agrees_with_scipy(successes, pairs):
+    expected = binomtest(successes, pairs).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(successes, pairs) == pytest.approx((expected.low, expected.high))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: axis_errors_m(np.eye(4), np.eye(4), np.zeros((0, 3))),
+        lambda: success_rate([]),
+        lambda: wilson_interval(0, 0),
+        lambda: wilson_interval(5, 4),
+    ],
+)
+def test_means_over_nothing_are_refused(call):
+    with pytest.raises(ValueError, match="expected|need"):
+        call()
