@@ -10,28 +10,36 @@ from skipnet import command
 from skipnet.config import RegisterConfig
 
 if TYPE_CHECKING:
-    from skipnet.registration.files import Report
+    from skipnet.registration.multiview import MultiviewResult
+    from skipnet.types import Registration
 
 
-def main(config: RegisterConfig) -> Report:
+def main(config: RegisterConfig) -> Registration | MultiviewResult:
     """Register what the options name, write the results and return them."""
-    from skipnet.registration.files import register_files
+    from skipnet.registration import files
 
-    return register_files(
-        config.inputs,
-        config.output_dir,
-        voxel_size_m=config.voxel_size_m,
-        seed=config.seed,
+    folder, inputs = Path(config.output_dir), config.inputs
+    size_m, seed = config.voxel_size_m, config.seed
+    if config.scans:
+        return files.register_scan_files(inputs, folder, voxel_size_m=size_m, seed=seed)
+    if not inputs:
+        return files.register_simulated_pair(folder, voxel_size_m=size_m, seed=seed)
+    return files.register_pair_files(
+        source=inputs[0],
+        target=inputs[1],
+        output_dir=folder,
+        source_viewpoint=config.source_viewpoint,
+        target_viewpoint=config.target_viewpoint,
+        voxel_size_m=size_m,
+        seed=seed,
     )
+
+
+def exit_code(result: Registration | MultiviewResult) -> int:
+    """0 when registered, 3 when ambiguous or failed."""
+    return command.EXIT_OK if result.status == "registered" else command.EXIT_NOT_REGISTERED
 
 
 if __name__ == "__main__":
-    sys.exit(
-        command.run(
-            "register",
-            RegisterConfig,
-            main,
-            Path(__file__).parent / "configs",
-            exit_code=lambda report: command.EXIT_OK if report.registered else command.EXIT_NOT_REGISTERED,
-        )
-    )
+    configs = Path(__file__).parent / "configs"
+    sys.exit(command.run("register", RegisterConfig, main, configs, exit_code))

@@ -1,0 +1,171 @@
+"""Registration from files to files: what ``register.py`` does once its options are read.
+
+Everything is read and checked before anything is written, and every file is written whole or not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from skipnet.clouds.atomic import write_bytes, write_text
+from skipnet.clouds.cleaning import validate
+from skipnet.clouds.formats import read_points, write_ply
+from skipnet.geometry import pose_error, transform_points
+from skipnet.registration import report
+from skipnet.types import FloatArray, Pair, Registration
+
+if TYPE_CHECKING:
+    from skipnet.registration.multiview import MultiviewResult
+
+PAIR_OUTPUTS = ("result.json", "aligned.ply", "before_after.png", "report.html")
+SCANS_OUTPUTS = ("poses.json", "merged.ply", "scans.png", "report.html")
+SIMULATED_FAMILY = "paper_room"
+
+
+def register_pair_files(
+    source: Path,
+    target: Path,
+    output_dir: Path,
+    *,
+    source_viewpoint: str | npt.ArrayLike | None = "auto",
+    target_viewpoint: str | npt.ArrayLike | None = "auto",
+    voxel_size_m: float | None = None,
+    seed: int = 0,
+) -> Registration:
+    """Register two files and write ``PAIR_OUTPUTS`` into a folder.
+
+    Args:
+        source, target: files that ``read_points`` knows, in metres.
+        output_dir: made when missing; files of an earlier run are replaced.
+        source_viewpoint, target_viewpoint, voxel_size_m, seed: as of ``skipnet.register``.
+
+    Raises:
+        FileNotFoundError, ValueError: an input is missing or no point cloud; nothing has been written.
+    """
+    source_m, target_m = _read_inputs([source, target], output_dir, PAIR_OUTPUTS)
+    result = _register(source_m, target_m, source_viewpoint, target_viewpoint, voxel_size_m, seed)
+    inputs = {"source": str(source), "target": str(target)}
+    _write_pair(source_m, target_m, result, inputs, output_dir, seed)
+    return result
+
+
+def register_simulated_pair(
+    output_dir: Path, *, voxel_size_m: float | None = None, seed: int = 0
+) -> Registration:
+    """Simulate two scans of one room, register them, and write them with ``PAIR_OUTPUTS`` into a folder.
+
+    Prints how far the result is from the truth, which the registration never saw.
+    """
+    from skipnet.simulation.pairs import simulate_pair
+
+    pair = simulate_pair(SIMULATED_FAMILY, seed).pair
+    output_dir.mkdir(parents=True, exist_ok=True)
+    inputs = {name: str(output_dir / f"{name}.ply") for name in ("source", "target")}
+    write_ply(inputs["source"], pair.source_m)
+    write_ply(inputs["target"], pair.target_m)
+    result = _register(pair.source_m, pair.target_m, "auto", "auto", voxel_size_m, seed)
+    _write_pair(pair.source_m, pair.target_m, result, inputs, output_dir, seed)
+    print(_compare_with_truth(result, pair))
+    return result
+
+
+def register_scan_files(
+    scans: Sequence[Path], output_dir: Path, *, voxel_size_m: float | None = None, seed: int = 0
+) -> MultiviewResult:
+    """Bring many files into the frame of the first and write ``SCANS_OUTPUTS`` into a folder.
+
+    Raises:
+        FileNotFoundError, ValueError: an input is missing or no point cloud; nothing has been written.
+    """
+    from skipnet.registration.multiview import register_many
+
+    clouds_m = _read_inputs(scans, output_dir, SCANS_OUTPUTS)
+    result = register_many(clouds_m, voxel_size_m=voxel_size_m, seed=seed)
+    placed = [index for index, T_first_scan in enumerate(result.T_first_scan) if T_first_scan is not None]
+    placed_m = [transform_points(result.T_first_scan[index], clouds_m[index]) for index in placed]
+    names = [str(scan) for scan in scans]
+    _write_scans(placed_m, [names[index] for index in placed], output_dir)
+    write_text(output_dir / "poses.json", report.poses_json(result, names, seed))
+    png = (output_dir / "scans.png").read_bytes()
+    write_text(output_dir / "report.html", report.scans_page(result, names, png, seed))
+    _announce(result.status, result.reason, output_dir)
+    return result
+
+
+def _read_inputs(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]) -> list[FloatArray]:
+    clouds_m = [validate(read_points(path), str(path)) for path in paths]
+    written = {(output_dir / name).resolve() for name in outputs}
+    for path in paths:
+        if path.resolve() in written:
+            raise ValueError(f"{path}: would be overwritten by the results: choose another output_dir")
+    output_dir.mkdir(parents=True, exist_ok=True)
+    return clouds_m
+
+
+def _register(
+    source_m: FloatArray,
+    target_m: FloatArray,
+    source_viewpoint: str | npt.ArrayLike | None,
+    target_viewpoint: str | npt.ArrayLike | None,
+    voxel_size_m: float | None,
+    seed: int,
+) -> Registration:
+    from skipnet.registration.pipeline import register
+
+    return register(
+        source_m,
+        target_m,
+        source_viewpoint=source_viewpoint,
+        target_viewpoint=target_viewpoint,
+        voxel_size_m=voxel_size_m,
+        seed=seed,
+    )
+
+
+def _write_pair(
+    source_m: FloatArray,
+    target_m: FloatArray,
+    result: Registration,
+    inputs: Mapping[str, str],
+    output_dir: Path,
+    seed: int,
+) -> None:
+    from skipnet.viz.pictures import draw_before_after, png_bytes
+
+    png = png_bytes(draw_before_after(source_m, target_m, result.T_target_source))
+    described = {
+        "source": f"{inputs['source']}: {len(source_m):,} points",
+        "target": f"{inputs['target']}: {len(target_m):,} points",
+    }
+    write_ply(output_dir / "aligned.ply", transform_points(result.T_target_source, source_m))
+    write_bytes(output_dir / "before_after.png", png)
+    write_text(output_dir / "report.html", report.pair_page(result, described, png, seed))
+    write_text(output_dir / "result.json", report.result_json(result, inputs, seed))
+    _announce(f"{result.status} (confidence {result.confidence:.2f})", result.reason, output_dir)
+
+
+def _write_scans(placed_m: Sequence[FloatArray], names: Sequence[str], output_dir: Path) -> None:
+    """The merged cloud, each scan in its colour, and a picture of it."""
+    from matplotlib.colors import to_rgb
+
+    from skipnet.viz.pictures import draw_scans, png_bytes, scan_colour
+
+    tints = [np.multiply(to_rgb(scan_colour(index)), 255) for index in range(len(placed_m))]
+    colours = np.repeat(tints, [len(points_m) for points_m in placed_m], axis=0).round()
+    write_ply(output_dir / "merged.ply", np.concatenate(placed_m), colours.astype(np.uint8))
+    write_bytes(output_dir / "scans.png", png_bytes(draw_scans(placed_m, names)))
+
+
+def _announce(outcome: str, reason: str, output_dir: Path) -> None:
+    print(f"{outcome}: {reason}")
+    print(f"Look at {output_dir / 'report.html'}")
+
+
+def _compare_with_truth(result: Registration, pair: Pair) -> str:
+    rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
+    return f"Off the truth by {np.rad2deg(rotation_rad):.4f} deg and {translation_m * 1000:.2f} mm"
