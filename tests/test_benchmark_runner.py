@@ -91,7 +91,9 @@ def test_a_method_sees_no_truth(tmp_path):
 def test_an_exception_is_a_failed_pair_that_counts(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(4)
 
-    def sometimes(task, calls=iter(range(4))):
+    calls = iter(range(4))
+
+    def sometimes(task):
         return raising(task) if next(calls) == 2 else two_staged(task)
 
     predict(pairs, [contestant("shaky", sometimes)], path, io.StringIO())

@@ -125,9 +125,7 @@ def move_source(pair: Pair, seed: int, turn: bool, shift_m: float) -> Pair:
 def _read_entries(folder: Path, sets: list[str] | None) -> list[dict[str, Any]]:
     path = folder / PAIRS_FILE
     if not path.is_file():
-        raise FileNotFoundError(
-            f"no {PAIRS_FILE} in {folder}: name the folder that holds it with data=FOLDER"
-        )
+        raise FileNotFoundError(f"no {PAIRS_FILE} in {folder}: name the folder that holds it with data=FOLDER")
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))["pairs"]
     except (json.JSONDecodeError, KeyError, TypeError) as error:

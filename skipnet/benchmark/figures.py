@@ -3,44 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skipnet.benchmark.datasets import PairSet
 from skipnet.benchmark.methods import STAGES
+from skipnet.benchmark.predictions import Prediction
 from skipnet.benchmark.scoring import ScoreRow, row_label
+from skipnet.viz.pictures import SCAN_COLOURS, draw_before_after
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#555555")
-"""Okabe and Ito's palette, told apart with any kind of colour vision."""
-STAGE_COLOURS = {"map": "#56b4e9", "transform": "#e69f00", "fine": "#0072b2"}
+STAGE_COLOURS = {"map": "#56B4E9", "transform": "#E69F00", "fine": "#0072B2"}
 STAGE_NAMES = {"map": "voxels and map", "transform": "coarse transform", "fine": "fine match"}
 
 
-def draw_figures(
-    rows: Sequence[ScoreRow],
-    summary: Sequence[dict[str, Any]],
-    labels: dict[str, str],
-    folder: Path,
-) -> dict[str, Path]:
-    """Write every figure as PNG into ``folder``.
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure with the name of its file and what stands beneath it."""
 
-    Returns:
-        Caption to file, in the order in which a report shows them.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    drawn = {
-        "Share of the pairs within an error": (draw_error_curves(rows, labels), "error_curves.png"),
-        "Error of every pair": (draw_pair_errors(rows, labels), "pair_errors.png"),
-        "Time of each stage (median)": (draw_times(summary), "times.png"),
-    }
-    for figure, name in drawn.values():
-        figure.savefig(folder / name, dpi=150)
-    return {caption: folder / name for caption, (_, name) in drawn.items()}
+    name: str
+    caption: str
+    figure: Figure
+
+
+def draw_figures(
+    rows: Sequence[ScoreRow], summary: Sequence[dict[str, Any]], labels: dict[str, str]
+) -> list[ReportFigure]:
+    """The figures about all pairs, in the order in which a report shows them."""
+    return [
+        ReportFigure(
+            "error_curves",
+            "Share of the pairs whose mean axis error is at most x",
+            draw_error_curves(rows, labels),
+        ),
+        ReportFigure(
+            "pair_errors",
+            "Mean axis error of every pair; hollow: outside the success thresholds",
+            draw_pair_errors(rows, labels),
+        ),
+        ReportFigure("times", "Median time of each stage", draw_times(summary)),
+    ]
+
+
+def draw_extremes(
+    method: str, rows: Sequence[ScoreRow], predictions: Sequence[Prediction], pair_set: PairSet
+) -> list[ReportFigure]:
+    """Before and after of the method's typical (median error) and worst pair with a pose."""
+    final = [r for r in rows if (r.method, r.stage) == (method, "fine") and not r.error]
+    final.sort(key=lambda row: row.mean_error_mm)
+    if not final:
+        return []
+    pose_of = {p.pair: p.pose("fine") for p in predictions if p.method == method}
+    figures = []
+    for kind, row in (("typical", final[len(final) // 2]), ("worst", final[-1])):
+        pair, pose = pair_set.load(pair_set.names.index(row.pair)), pose_of[row.pair]
+        assert pose is not None  # rows without an error have a pose
+        caption = f"The {kind} pair of {method}: {row.pair}, mean error {row.mean_error_mm:.3g} mm"
+        figure = draw_before_after(pair.source_m, pair.target_m, pose)
+        figures.append(ReportFigure(f"{kind}_pair", caption, figure))
+    return figures
 
 
 def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
@@ -69,9 +95,7 @@ def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure
         axes.scatter(x[right], errors_mm[right], s=22, color=colour, label=label)
         axes.scatter(x[~right], errors_mm[~right], s=22, facecolors="none", edgecolors=colour)
     axes.set(yscale="log", xlabel="pair", ylabel="mean axis error (mm)")
-    axes.legend(
-        frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0), title="filled: success"
-    )
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0), title="filled: success")
     return figure
 
 
@@ -115,9 +139,7 @@ def median_stages_s(summary: Sequence[dict[str, Any]], method: str) -> dict[str,
     }
 
 
-def _coloured(
-    rows: Sequence[ScoreRow], labels: dict[str, str]
-) -> list[tuple[str, tuple[str, list[ScoreRow]]]]:
+def _coloured(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[tuple[str, tuple[str, list[ScoreRow]]]]:
     """(colour, (label, rows)) of every method and stage."""
     keys = list(dict.fromkeys((row.method, row.stage) for row in rows))
     both = {method for method, stage in keys if stage == "coarse"}
@@ -128,7 +150,7 @@ def _coloured(
         )
         for method, stage in keys
     ]
-    return [(COLOURS[i % len(COLOURS)], group) for i, group in enumerate(groups)]
+    return [(SCAN_COLOURS[i % len(SCAN_COLOURS)], group) for i, group in enumerate(groups)]
 
 
 def _new_figure(height_inch: float) -> tuple[Figure, Axes]:

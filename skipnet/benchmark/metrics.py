@@ -68,8 +68,7 @@ def score_pose(T_estimated: FloatArray | None, pair: Pair) -> PoseScore:
         translation_error_m=translation_error_m,
         axis_errors_m=axis_errors_m(T_estimated, pair.T_target_source, pair.source_m),
         success=bool(
-            rotation_error_rad < pair.success_rotation_rad
-            and translation_error_m < pair.success_translation_m
+            rotation_error_rad < pair.success_rotation_rad and translation_error_m < pair.success_translation_m
         ),
     )
 

@@ -22,6 +22,8 @@ from skipnet.benchmark.datasets import PairSet, folder_pairs, simulated_pairs
 from skipnet.benchmark.isolation import isolated
 from skipnet.benchmark.methods import Estimate, Method, Task, make_method
 from skipnet.benchmark.predictions import Prediction, append_prediction, read_predictions
+from skipnet.benchmark.report import Results, write_report
+from skipnet.benchmark.scoring import score_predictions
 from skipnet.config import DatasetKind, EvaluateConfig
 from skipnet.types import FloatArray, Pair
 
@@ -53,9 +55,6 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
         ValueError: for settings that do not fit, or a folder that holds another run's predictions.
         ImportError: when a chosen method's package is missing.
     """
-    from skipnet.benchmark.report import write_report
-    from skipnet.benchmark.scoring import score_predictions
-
     folder = Path(config.output_dir)
     pair_set, contestants = make_pair_set(config), make_contestants(config)
     path = folder / PREDICTIONS_FILE
@@ -63,20 +62,36 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
     folder.mkdir(parents=True, exist_ok=True)
     write_config(config, folder / "config.yaml")
     predict(pair_set, contestants, path, progress)
-    print("scoring ...", file=progress)
-    rows = score_predictions(pair_set, [c.name for c in contestants], read_predictions(path))
+    print("scoring and drawing ...", file=progress)
+    predictions = read_predictions(path)
     labels = {contestant.name: contestant.label for contestant in contestants}
-    summary = write_report(config.benchmark, rows, labels, pair_set, read_predictions(path), folder)
+    rows = score_predictions(pair_set, list(labels), predictions)
+    summary = write_report(Results(describe(config), rows, predictions, labels, pair_set), folder)
     print(f"see {folder / 'report.html'}", file=progress)
     return summary
+
+
+def describe(config: EvaluateConfig) -> dict[str, str]:
+    """What was run, for the head of the report."""
+    about = {"benchmark": config.benchmark, "methods": ", ".join(config.methods)}
+    if config.dataset is DatasetKind.folder:
+        about["pairs from"] = f"{config.data} ({', '.join(config.sets) or 'all sets'})"
+        about["sources moved by"] = (
+            f"{'a random rotation' if config.turn else 'no rotation'}, a shift of {config.shift_m:g} m"
+        )
+    else:
+        about["pairs from"] = f"{config.pairs} simulated scenes of family {config.family}"
+        about["scanner"] = f"{config.scanner}, rotation {config.rotation}"
+    about["seed"] = str(config.seed)
+    limit_s = config.time_limit_s
+    about["time limit"] = "none" if limit_s is None else f"{limit_s:g} s per pair and method"
+    return about
 
 
 def make_pair_set(config: EvaluateConfig) -> PairSet:
     """The pairs that the config asks for."""
     if config.dataset is DatasetKind.folder:
-        return folder_pairs(
-            str(config.data), list(config.sets), config.turn, config.shift_m, config.seed
-        )
+        return folder_pairs(str(config.data), list(config.sets), config.turn, config.shift_m, config.seed)
     return simulated_pairs(
         config.family, config.pairs, config.seed, config.scanner, config.rotation, config.points
     )

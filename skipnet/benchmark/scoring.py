@@ -84,11 +84,7 @@ def _score(pair: Pair, prediction: Prediction, stage: str) -> ScoreRow:
     map_s = prediction.stage_s.get("map", 0.0)
     transform_s = prediction.stage_s.get("transform", 0.0)
     fine_s = prediction.stage_s.get("fine", 0.0)
-    if prediction.error:
-        # It answered nothing: the whole call was spent on the pair, whatever stage it broke in.
-        time_s = prediction.time_s
-    else:
-        time_s = map_s + transform_s if stage == "coarse" else fine_s
+    stage_s = map_s + transform_s if stage == "coarse" else fine_s
     return ScoreRow(
         pair=pair.name,
         set=pair.set_name,
@@ -101,7 +97,8 @@ def _score(pair: Pair, prediction: Prediction, stage: str) -> ScoreRow:
         y_error_mm=y_mm,
         z_error_mm=z_mm,
         mean_error_mm=1e3 * score.mean_error_m,
-        time_s=time_s,
+        # A call that broke has no stages; all of it was spent on the pair.
+        time_s=prediction.time_s if prediction.error else stage_s,
         map_s=map_s,
         transform_s=transform_s,
         status=prediction.status,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,11 +79,11 @@ def table_2(summary: Sequence[dict[str, Any]], with_paper: bool) -> Table:
         rows.append((entry["label"], _success(entry), *_measures(entry, entry["median"])))
         paper = PAPER_TABLE_2.get((entry["method"], entry["stage"]))
         if with_paper and paper is not None:
-            rows.append(("– the paper", "one pair", *_measures(entry, paper)))
+            rows.append(("in the paper", "1 pair", *_measures(entry, paper)))
     note = (
-        "Medians over all pairs; a pair without an answer has infinite errors. X, Y, Z: mean over the source's "
-        "points p of |T_estimated p - T_true p| along that axis of the target's frame. The time of a row is its "
-        "own stage: fine is what comes on top of coarse. All times were taken in the same process."
+        "Medians over all pairs, column by column; a pair without an answer has infinite errors. X, Y, Z: "
+        "mean over the source's points p of |T_estimated p - T_true p| along that axis of the target's frame; "
+        "mean: of the three. The time of a row is that of its own stage: fine comes on top of coarse."
     )
     headers = ("", "success", *TABLE_2_COLUMNS.values())
     return Table("Table 2: time and error of each stage", headers, tuple(rows), note)
@@ -193,7 +193,7 @@ def number(value: float | None) -> str:
     return text.rstrip("0").rstrip(".") if "." in text and digits > 3 else text
 
 
-def _measures(entry: dict[str, Any], values: dict[str, float | None]) -> list[str]:
+def _measures(entry: dict[str, Any], values: Mapping[str, float | None]) -> list[str]:
     """The cells of Table 2; only the coarse stage has a map and a transform."""
     skipped = () if entry["stage"] == "coarse" else ("map_s", "transform_s")
     return [NOTHING if name in skipped else number(values.get(name)) for name in TABLE_2_COLUMNS]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
 from skipnet.benchmark.methods import Estimate, Method, Task, require
+from skipnet.types import FloatArray
 
 
 def make(
@@ -47,10 +49,8 @@ def make(
     return run
 
 
-def to_cloud(points_m):  # type: ignore[no-untyped-def]  # Open3D ships no types
+def to_cloud(points_m: FloatArray) -> Any:
     """An Open3D point cloud of (N, 3) points."""
     import open3d as o3d
 
-    return o3d.geometry.PointCloud(
-        o3d.utility.Vector3dVector(np.ascontiguousarray(points_m, dtype=np.float64))
-    )
+    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points_m, dtype=np.float64)))

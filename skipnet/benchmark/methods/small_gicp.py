@@ -31,9 +31,7 @@ def make(voxel_size_m: float = 0.25, threads: int = 1) -> Method:
     return run
 
 
-def refine(
-    small_gicp: Any, task: Task, T_start: FloatArray, voxel_size_m: float, threads: int
-) -> FloatArray:
+def refine(small_gicp: Any, task: Task, T_start: FloatArray, voxel_size_m: float, threads: int) -> FloatArray:
     """The (4, 4) pose that GICP reaches from ``T_start``; ``converged`` is no verdict and is not asked."""
     result = small_gicp.align(
         np.asarray(task.target_m, dtype=np.float64),

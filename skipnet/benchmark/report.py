@@ -1,0 +1,201 @@
+"""What a run leaves for people: scores.csv, summary.json, report.md, report.html, figures, TensorBoard."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from skipnet import __version__
+from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.figures import ReportFigure, draw_extremes, draw_figures
+from skipnet.benchmark.predictions import Prediction
+from skipnet.benchmark.scoring import ScoreRow, summarise, write_scores
+from skipnet.benchmark.tables import (
+    PAPER_TABLE_2,
+    Table,
+    failures_table,
+    means_table,
+    pairs_table,
+    sets_table,
+    table_2,
+    verdict_table,
+)
+from skipnet.viz import html
+from skipnet.viz.dashboard import log_figure, log_hyperparameters, open_dashboard
+from skipnet.viz.pictures import png_bytes
+
+PACKAGES = ("numpy", "scipy", "torch", "open3d", "kiss-matcher", "small_gicp")
+
+PAPER_FAMILY = "paper_room"
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that a report is made of."""
+
+    about: dict[str, str]
+    """What was run: name to description; ``benchmark`` is among the names."""
+    rows: list[ScoreRow]
+    predictions: list[Prediction]
+    labels: dict[str, str]
+    """Method to its name in tables, in the order of the run."""
+    pair_set: PairSet
+
+
+def write_report(results: Results, folder: Path) -> dict[str, Any]:
+    """Write every file of a run but its config and predictions into ``folder``.
+
+    Returns:
+        The content of summary.json: what was run, with what, and one entry per method and stage.
+    """
+    entries = summarise(results.rows, results.labels)
+    summary = {
+        "about": results.about,
+        "versions": versions(),
+        "comparison": comparison(entries),
+        "rows": entries,
+    }
+    write_scores(results.rows, folder / "scores.csv")
+    (folder / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
+    tables = make_tables(results, entries)
+    figures = draw_figures(results.rows, entries, results.labels)
+    figures += draw_extremes(next(iter(results.labels)), results.rows, results.predictions, results.pair_set)
+    pictures = write_figures(figures, folder / "figures")
+    (folder / "report.md").write_text(markdown(summary, tables, figures), encoding="utf-8")
+    (folder / "report.html").write_text(html_page(summary, tables, figures, pictures), encoding="utf-8")
+    write_dashboard(results, entries, tables, figures, folder / "tensorboard")
+    return summary
+
+
+def versions() -> dict[str, str]:
+    """Versions of all that has a say in the figures, and the machine's processor count."""
+    found = {"skipnet": __version__, "python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    found["machine"] = f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
+    return found
+
+
+def make_tables(results: Results, entries: Sequence[dict[str, Any]]) -> list[Table]:
+    """The report's tables, the one in the form of the paper's Table 2 first."""
+    is_papers_room = {row.set for row in results.rows} == {PAPER_FAMILY}
+    tables = [table_2(entries, with_paper=is_papers_room), means_table(entries)]
+    if len(entries[0]["success_rate_by_set"]) > 1:
+        tables.append(sets_table(entries))
+    tables.append(verdict_table(results.rows, results.labels))
+    failures = failures_table(results.rows, results.predictions)
+    if failures is not None:
+        tables.append(failures)
+    return [*tables, pairs_table(results.rows, results.labels)]
+
+
+def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:
+    """Ratios between skipnet and ICP applied directly, as sentences; empty unless both ran."""
+    of = {(entry["method"], entry["stage"]): entry["median"] for entry in entries}
+    if not {("skipnet", "coarse"), ("skipnet", "fine"), ("icp", "fine")} <= set(of):
+        return []
+    coarse, fine, icp = (of[key] for key in (("skipnet", "coarse"), ("skipnet", "fine"), ("icp", "fine")))
+    if None in (coarse["time_s"], fine["time_s"], fine["mean_error_mm"], icp["mean_error_mm"]):
+        return []
+    times = icp["time_s"] / (coarse["time_s"] + fine["time_s"])
+    errors = icp["mean_error_mm"] / fine["mean_error_mm"]
+    paper_coarse, paper_fine, paper_icp = (
+        PAPER_TABLE_2[key] for key in (("skipnet", "coarse"), ("skipnet", "fine"), ("icp", "fine"))
+    )
+    paper_times = paper_icp["time_s"] / (paper_coarse["time_s"] + paper_fine["time_s"])
+    paper_errors = paper_icp["mean_error_mm"] / paper_fine["mean_error_mm"]
+    return [
+        f"ICP directly takes {times:.3g} times as long as skipnet's coarse and fine match together "
+        f"(in the paper {paper_times:.3g} times).",
+        f"Its median error is {errors:.3g} times that of skipnet's fine match "
+        f"(in the paper {paper_errors:.3g} times).",
+    ]
+
+
+def write_figures(figures: Sequence[ReportFigure], folder: Path) -> dict[str, bytes]:
+    """Write each figure as NAME.png and return the same content by name."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {figure.name: png_bytes(figure.figure) for figure in figures}
+    for name, png in pictures.items():
+        (folder / f"{name}.png").write_bytes(png)
+    return pictures
+
+
+def markdown(summary: dict[str, Any], tables: Sequence[Table], figures: Sequence[ReportFigure]) -> str:
+    """report.md; its pictures are the files in figures/."""
+    about = [f"- {name}: {value}" for name, value in summary["about"].items()]
+    lines = [f"# {_title(summary)}", "", *about, "", *summary["comparison"], ""]
+    lines += [table.markdown() for table in tables]
+    for figure in figures:
+        lines += [f"![{figure.caption}](figures/{figure.name}.png)", "", figure.caption, ""]
+    return "\n".join([*lines, _footer(summary), ""])
+
+
+def html_page(
+    summary: dict[str, Any],
+    tables: Sequence[Table],
+    figures: Sequence[ReportFigure],
+    pictures: dict[str, bytes],
+) -> str:
+    """report.html: one file that opens without anything beside it."""
+    opened = [_html_table(table) for table in tables if not table.folded]
+    folded = [_html_table(table) for table in tables if table.folded]
+    shown = [html.picture(pictures[figure.name], figure.caption) for figure in figures]
+    return html.page(
+        _title(summary),
+        html.table(["", ""], list(summary["about"].items())),
+        *[html.paragraph(sentence) for sentence in summary["comparison"]],
+        *opened,
+        html.section("Figures", *shown),
+        *folded,
+        f"<footer>{escape(_footer(summary))}</footer>",
+    )
+
+
+def write_dashboard(
+    results: Results,
+    entries: Sequence[dict[str, Any]],
+    tables: Sequence[Table],
+    figures: Sequence[ReportFigure],
+    folder: Path,
+) -> None:
+    """The same scalars, tables and pictures for TensorBoard, where runs can be compared."""
+    with open_dashboard(folder) as writer:
+        scores = {}
+        for entry in entries:
+            name = f"{entry['method']}_{entry['stage']}"
+            scores[f"success_rate/{name}"] = entry["success_rate"]
+            for measure in ("mean_error_mm", "rotation_error_deg", "time_s"):
+                if entry["median"][measure] is not None:
+                    scores[f"median_{measure}/{name}"] = entry["median"][measure]
+        log_hyperparameters(writer, dict(results.about), scores)
+        for table in tables:
+            writer.add_text(table.title.split(":")[0], table.markdown())
+        for figure in figures:
+            log_figure(writer, figure.name, figure.figure)
+
+
+def _title(summary: dict[str, Any]) -> str:
+    return f"Registration benchmark: {summary['about']['benchmark']}"
+
+
+def _footer(summary: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
+
+
+def _html_table(table: Table) -> str:
+    content = html.table(table.headers, table.rows)
+    note = html.paragraph(table.note) if table.note else ""
+    if table.folded:
+        return f"<details><summary>{escape(table.title)}</summary>{note}{content}</details>"
+    return html.section(table.title, content, note)
