@@ -12,7 +12,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from skipnet import __version__
 from skipnet.benchmark.datasets import PairSet
 from skipnet.benchmark.figures import ReportFigure, draw_extremes, draw_figures
 from skipnet.benchmark.predictions import Prediction
@@ -27,11 +26,12 @@ from skipnet.benchmark.tables import (
     table_2,
     verdict_table,
 )
+from skipnet.registration.report import versions
 from skipnet.viz import html
 from skipnet.viz.dashboard import log_figure, log_hyperparameters, open_dashboard
 from skipnet.viz.pictures import png_bytes
 
-PACKAGES = ("numpy", "scipy", "torch", "open3d", "kiss-matcher", "small_gicp")
+PEER_PACKAGES = ("kiss-matcher", "small_gicp")
 
 PAPER_FAMILY = "paper_room"
 
@@ -58,7 +58,7 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     entries = summarise(results.rows, results.labels)
     summary = {
         "about": results.about,
-        "versions": versions(),
+        "versions": run_versions(),
         "comparison": comparison(entries),
         "rows": entries,
     }
@@ -74,10 +74,10 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     return summary
 
 
-def versions() -> dict[str, str]:
-    """Versions of all that has a say in the figures, and the machine's processor count."""
-    found = {"skipnet": __version__, "python": platform.python_version()}
-    for package in PACKAGES:
+def run_versions() -> dict[str, str]:
+    """Versions of all that has a say in the figures, peers and the machine included."""
+    found = versions()
+    for package in PEER_PACKAGES:
         try:
             found[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
@@ -158,7 +158,7 @@ def html_page(
         *opened,
         html.section("Figures", *shown),
         *folded,
-        f"<footer>{escape(_footer(summary))}</footer>",
+        html.footer(_footer(summary)),
     )
 
 
