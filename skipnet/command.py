@@ -25,6 +25,9 @@ EXIT_NOT_REGISTERED = 3
 # Set to 1, this environment variable of Hydra's brings the traceback of every error.
 FULL_ERROR = "HYDRA_FULL_ERROR"
 
+# What Open3D loads and a bare Debian lacks.
+DEBIAN_LIBRARIES = "libusb-1.0-0 libgl1 libgomp1"
+
 # What a user can mend. Anything else is a bug of ours and keeps its traceback.
 USER_ERRORS = (ValueError, OSError, ImportError)
 
@@ -50,8 +53,9 @@ def run(
         arguments: overrides and Hydra flags; default: those of the process.
 
     Returns:
-        The exit code: 2 for bad input, after one line on stderr; otherwise ``exit_code(result)``. A sweep
-        (``--multirun``) returns 0 when every run ended.
+        The exit code: 2 for bad input, after one line on stderr; otherwise ``exit_code(result)``, and the
+        highest of them after a sweep (``--multirun``), whose runs get a folder each, numbered from 0, as
+        their ``output_dir``.
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -81,6 +85,8 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}"
     message = " ".join(str(error).split()) or type(error).__name__
+    if "cannot open shared object file" in message:
+        return f"{message}; on Debian: apt-get install {DEBIAN_LIBRARIES}"
     if type(error).__module__.startswith("hydra") and error.__cause__ is not None:
         # OmegaConf's first line says what is wrong, the others where in its own classes.
         return f"{message}: {str(error.__cause__).splitlines()[0]}"
@@ -100,14 +106,18 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
         if "=" not in argument and not argument.startswith("~"):
             raise ValueError(f"{argument!r} is not an override: write option=value")
         try:
-            key = parser.parse_override(argument).key_or_group
+            override = parser.parse_override(argument)
         except Exception as error:
             raise ValueError(
                 f"cannot read {argument!r}: a value with any of ()[]{{}}=,: needs quotes inside quotes, "
                 f"'key=\"value\"'"
             ) from error
-        if key.split(".")[0].split("/")[0] != "hydra":
-            _check_key(key, schema, config_dir)
+        key = override.key_or_group
+        if key.split(".")[0].split("/")[0] == "hydra":
+            continue
+        _check_key(key, schema, config_dir)
+        if override.is_delete():
+            raise ValueError(f"{argument}: an option cannot be removed; leave it out, or give it a value")
 
 
 def _check_key(key: str, schema: type, config_dir: Path) -> None:
@@ -153,12 +163,15 @@ def _run_hydra(
     outcome: list[int | Exception] = []
 
     def job(composed: DictConfig) -> None:
+        in_sweep = HydraConfig.get().mode is RunMode.MULTIRUN
+        if in_sweep and "output_dir" in composed:
+            composed.output_dir = HydraConfig.get().runtime.output_dir
         try:
             config = OmegaConf.to_object(composed)
             outcome.append(exit_code(task(config)))  # type: ignore[arg-type]
         except Exception as error:
             # Hydra would print a line of its own about a failed job; in a sweep it must know of it.
-            if HydraConfig.get().mode is RunMode.MULTIRUN or not is_user_error(error):
+            if in_sweep or not is_user_error(error):
                 raise
             outcome.append(error)
 

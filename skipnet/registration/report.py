@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import skipnet
-from skipnet.types import Registration
+from skipnet.types import FloatArray, Registration
 from skipnet.viz import html
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def pair_page(result: Registration, inputs: Mapping[str, str], png: bytes, seed:
 def scans_page(result: MultiviewResult, names: Sequence[str], png: bytes, seed: int) -> str:
     """``report.html`` of many scans: where each stands, and what every pair said."""
     places = [
-        (number, name, "not placed" if T_first_scan is None else _position(T_first_scan))
+        (number, name, *_origin(T_first_scan))
         for number, (name, T_first_scan) in enumerate(zip(names, result.T_first_scan, strict=True))
     ]
     pairs = [
@@ -95,7 +95,8 @@ def scans_page(result: MultiviewResult, names: Sequence[str], png: bytes, seed: 
         f"Registration of {len(names)} scans",
         html.status_banner(result.status, result.reason),
         html.picture(png, "Every placed scan in the frame of the first."),
-        html.section("Scans", html.table(["number", "file", "origin in the first scan's frame (m)"], places)),
+        html.section("Scans", html.table(["number", "file", "x (m)", "y (m)", "z (m)"], places)),
+        html.paragraph("x, y, z: the scan's origin in the frame of the first; empty where it found no place."),
         html.section("Pairs", html.table(["pair", "status", "confidence", "reason"], pairs)),
         _footer(seed),
     )
@@ -137,8 +138,10 @@ def _registration(result: Registration) -> dict[str, Any]:
     }
 
 
-def _position(T_first_scan: np.ndarray) -> str:
-    return "  ".join(f"{coordinate_m:.3f}" for coordinate_m in T_first_scan[:3, 3])
+def _origin(T_first_scan: FloatArray | None) -> list[str]:
+    if T_first_scan is None:
+        return ["", "", ""]
+    return [f"{coordinate_m:.3f}" for coordinate_m in T_first_scan[:3, 3]]
 
 
 def _brief(value: object) -> str:

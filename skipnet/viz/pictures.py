@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import PathCollection
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 SOURCE_COLOUR = "#D55E00"
 TARGET_COLOUR = "#0072B2"
@@ -37,7 +36,14 @@ CURVATURE_OF_BRIGHTEST = 0.12
 """Curvature shown as the brightest yellow: about that of a right-angled corner's neighbourhood."""
 _MOST_DOTS = 20_000
 _THINNING_CELLS = 200
-_VIEWS = {"from above": (0, 1), "from the side": (0, 2)}
+_TALLEST_IN = 10.0
+
+
+class _View(NamedTuple):
+    """One view of a scene: its axes, a column each, and which coordinates run to the right and up."""
+
+    columns: list[Axes]
+    plane: tuple[int, int]
 
 
 def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
@@ -57,10 +63,10 @@ def draw_before_after(source_m: FloatArray, target_m: FloatArray, T_target_sourc
     """
     source_m, target_m = thin(source_m), thin(target_m)
     after_m = transform_points(T_target_source, source_m)
-    figure, grid = _views_by_columns(np.concatenate([source_m, after_m, target_m]), ["before", "after"])
-    for column, moved_m in zip(grid.T, (source_m, after_m), strict=True):
-        for axes, plane in zip(column, _VIEWS.values(), strict=True):
-            _draw_clouds(axes, plane, [moved_m, target_m], [SOURCE_COLOUR, TARGET_COLOUR])
+    figure, views = _views_by_columns(np.concatenate([source_m, after_m, target_m]), ["before", "after"])
+    for view in views:
+        for axes, moved_m in zip(view.columns, (source_m, after_m), strict=True):
+            _draw_clouds(axes, view.plane, [moved_m, target_m], [SOURCE_COLOUR, TARGET_COLOUR])
     _add_legend(figure, {"source": SOURCE_COLOUR, "target": TARGET_COLOUR})
     return figure
 
@@ -69,32 +75,34 @@ def draw_scans(scans_m: Sequence[FloatArray], names: Sequence[str]) -> Figure:
     """Many (N, 3) scans in one common frame, one colour each, from above and from the side."""
     colours = [scan_colour(index) for index in range(len(scans_m))]
     thinned_m = [thin(points_m) for points_m in scans_m]
-    figure, grid = _views_by_columns(np.concatenate(thinned_m), [f"{len(scans_m)} scans"])
-    for axes, plane in zip(grid[:, 0], _VIEWS.values(), strict=True):
-        _draw_clouds(axes, plane, thinned_m, colours)
+    figure, views = _views_by_columns(np.concatenate(thinned_m), [f"{len(scans_m)} scans"])
+    for view in views:
+        _draw_clouds(view.columns[0], view.plane, thinned_m, colours)
     _add_legend(figure, dict(zip(names, colours, strict=True)))
     return figure
 
 
 def draw_skipmap_by_curvature(centroids_m: FloatArray, curvatures: FloatArray) -> Figure:
     """The paper's Skip-map picture: (V, 3) voxel centres by their (V,) curvature, yellow where curved."""
-    figure, grid = _views_by_columns(centroids_m, ["Skip-map"])
+    figure, views = _views_by_columns(centroids_m, ["Skip-map"])
     order = np.argsort(curvatures)  # the curved ones on top: they are few
-    for axes, plane in zip(grid[:, 0], _VIEWS.values(), strict=True):
-        dots = _draw_dots(axes, plane, centroids_m[order], c=curvatures[order], cmap="plasma", s=4)
+    for view in views:
+        shades = curvatures[order]
+        dots = _draw_dots(view.columns[0], view.plane, centroids_m[order], c=shades, cmap="plasma", s=4)
         dots.set_clim(0, CURVATURE_OF_BRIGHTEST)
     label = "curvature l0 / (l0 + l1 + l2)"
-    figure.colorbar(dots, ax=grid, label=label, location="bottom", shrink=0.7, aspect=40, extend="max")
+    figure.colorbar(dots, ax=figure.axes, label=label, location="bottom", shrink=0.7, aspect=40, extend="max")
     return figure
 
 
 def draw_skipmap_by_class(centroids_m: FloatArray, classes: IntArray) -> Figure:
     """(V, 3) voxel centres in the colours of their (V,) ``FeatureClass``, corners larger and on top."""
-    figure, grid = _views_by_columns(centroids_m, ["classes"])
+    figure, views = _views_by_columns(centroids_m, ["classes"])
     order = np.argsort(-classes, kind="stable")
     sizes = np.where(classes <= FeatureClass.OTHER_CORNER, 16, np.where(classes == FeatureClass.EDGE, 6, 2))
-    for axes, plane in zip(grid[:, 0], _VIEWS.values(), strict=True):
-        _draw_dots(axes, plane, centroids_m[order], c=class_colours(classes[order]) / 255, s=sizes[order])
+    tints = class_colours(classes[order]) / 255
+    for view in views:
+        _draw_dots(view.columns[0], view.plane, centroids_m[order], c=tints, s=sizes[order])
     _add_legend(figure, {CLASS_NAMES[kind]: colour for kind, colour in CLASS_COLOURS.items()})
     return figure
 
@@ -161,30 +169,32 @@ def _new_figure(width_in: float, height_in: float) -> Figure:
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
-def _views_by_columns(points_m: FloatArray, titles: Sequence[str]) -> tuple[Figure, NDArray[np.object_]]:
+def _views_by_columns(points_m: FloatArray, titles: Sequence[str]) -> tuple[Figure, list[_View]]:
     """A figure with a row of axes per view and a column per title, all to the scale of the points.
 
-    Returns:
-        The figure and its (views, titles) axes. A far stray point does not set the scale.
+    The clearly longer of x and y runs to the right. A far stray point does not set the scale.
     """
-    low_m, high_m = np.percentile(points_m, [0.1, 99.9], axis=0)
-    margin_m = 0.04 * float((high_m - low_m).max()) + 1e-6
+    low_m, high_m = np.percentile(points_m, [0.5, 99.5], axis=0)
+    margin_m = 0.05 * float((high_m - low_m).max()) + 1e-6
     low_m, high_m = low_m - margin_m, high_m + margin_m
     extent_m = high_m - low_m
-    heights = [float(extent_m[vertical] / extent_m[horizontal]) for horizontal, vertical in _VIEWS.values()]
-    heights = [min(max(height, 0.15), 2.0) for height in heights]
-    width_in = 5.5 if len(titles) > 1 else 7.5
-    figure = _new_figure(width_in * len(titles), width_in * sum(heights) + 1.6)
-    grid = figure.subplots(len(_VIEWS), len(titles), height_ratios=heights, squeeze=False)
-    for row, (view, (horizontal, vertical)) in zip(grid, _VIEWS.items(), strict=True):
+    right, other = (1, 0) if extent_m[1] > 1.1 * extent_m[0] else (0, 1)
+    planes = {"from above": (right, other), "from the side": (right, 2)}
+    heights = [float(extent_m[up] / extent_m[right]) for _, up in planes.values()]
+    width_in = min(5.5 if len(titles) > 1 else 7.5, _TALLEST_IN / sum(heights))
+    figure = _new_figure(max(width_in, 4.0) * len(titles), width_in * sum(heights) + 1.6)
+    grid = figure.subplots(len(planes), len(titles), height_ratios=heights, squeeze=False)
+    for row, (name, (right, up)) in zip(grid, planes.items(), strict=True):
         for axes, title in zip(row, titles, strict=True):
-            axes.set_title(f"{title}, {view}")
+            axes.set_title(f"{title}, {name}")
             axes.set_aspect("equal", adjustable="box")
-            axes.set(xlim=(low_m[horizontal], high_m[horizontal]), ylim=(low_m[vertical], high_m[vertical]))
-            axes.set(xlabel=f"{'xyz'[horizontal]} (m)", ylabel=f"{'xyz'[vertical]} (m)")
+            axes.set(xlim=(low_m[right], high_m[right]), ylim=(low_m[up], high_m[up]))
+            axes.set(xlabel=f"{'xyz'[right]} (m)", ylabel=f"{'xyz'[up]} (m)")
             axes.grid(color="#e6e6e6", linewidth=0.6)
             axes.set_axisbelow(True)
-    return figure, grid
+            if right == 1 and up == 0:
+                axes.invert_yaxis()  # still seen from above: with y to the right, x points down
+    return figure, [_View(list(row), plane) for row, plane in zip(grid, planes.values(), strict=True)]
 
 
 def _draw_clouds(
