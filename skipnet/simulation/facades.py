@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skipnet.simulation import furniture
-from skipnet.simulation.drafts import Draft, Station
-from skipnet.simulation.placement import furnish, square_m
+from skipnet.simulation.placement import Draft, Station, furnish, square_m
 from skipnet.simulation.rooms import (
     Opening,
     OpeningKind,

@@ -9,8 +9,14 @@ import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
 from skipnet.simulation import furniture
-from skipnet.simulation.drafts import CENTRE_THEN_MOVED, Draft, Station
-from skipnet.simulation.placement import Maker, furnish, square_m
+from skipnet.simulation.placement import (
+    CENTRE_THEN_MOVED,
+    Draft,
+    Maker,
+    Station,
+    furnish,
+    square_m,
+)
 from skipnet.simulation.rooms import (
     Opening,
     OpeningKind,
@@ -60,7 +66,13 @@ def curved(rng: np.random.Generator) -> Draft:
     half_m = rng.uniform(3.5, 5.5, 2)
     room = rectangle(-half_m, half_m, rng.uniform(2.6, 3.8), thickness_m=rng.uniform(0.10, 0.15))
     column = partial(furniture.column, height_m=room.height_m)
-    kinds: list[Maker] = [column, furniture.drum, furniture.pipe, furniture.ball, furniture.ball_on_drum]
+    kinds: list[Maker] = [
+        column,
+        furniture.drum,
+        furniture.pipe,
+        furniture.ball,
+        furniture.ball_on_drum,
+    ]
     more = [*kinds, furniture.plain_box, furniture.table]
     makers = kinds + [more[k] for k in rng.integers(len(more), size=rng.integers(3, 8))]
     return _furnished(rng, room, _random_openings(rng, room), makers, turned_freely=True)
@@ -69,14 +81,16 @@ def curved(rng: np.random.Generator) -> Draft:
 def doorway(rng: np.random.Generator) -> Draft:
     """Two rooms that share a wall with one door; the first scan is in one, the second in the other.
 
-    Each sensor sees little more of the other room than the door frames.
+    Each sensor sees only the part of the other room that the door frames.
     """
     thickness_m, height_m = rng.uniform(0.12, 0.20), rng.uniform(2.5, 3.2)
     (depth_a, depth_b), (left_a, left_b) = rng.uniform(4.0, 7.0, 2), rng.uniform(2.0, 4.0, 2)
     right_a, right_b = rng.uniform(2.0, 4.0, 2)
     # The door's middle is the origin; the shared wall fills 0 <= x <= thickness.
     first = rectangle((-depth_a, -right_a), (0.0, left_a), height_m, thickness_m)
-    second = rectangle((thickness_m, -right_b), (thickness_m + depth_b, left_b), height_m, thickness_m)
+    second = rectangle(
+        (thickness_m, -right_b), (thickness_m + depth_b, left_b), height_m, thickness_m
+    )
     width_m, door_height_m = rng.uniform(0.8, 1.1), rng.uniform(2.0, 2.2)
     door = {1: [Opening(right_a - width_m / 2, width_m, 0.0, door_height_m)]}
     # Walls run counter-clockwise: seen from the second room, the door is measured from its left end.

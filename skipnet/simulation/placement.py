@@ -1,8 +1,9 @@
-"""Where furniture may stand: apart from walls, from other pieces and from the sensor."""
+"""Where things may stand: sensors at their stations, furniture apart from all else."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +19,30 @@ GAP_M = 0.3
 PLACEMENT_TRIES = 60
 
 
+@dataclass(frozen=True)
+class Station:
+    """A ring on the floor in which one sensor may stand."""
+
+    centre_m: tuple[float, float]
+    nearest_m: float
+    """Inner radius; with 0 for both radii the sensor stands exactly at the centre."""
+    farthest_m: float
+    """Outer radius."""
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a family draws."""
+
+    surfaces: list[Surface]
+    stations: tuple[Station, ...]
+    """One per scan; further scans repeat the last."""
+
+
+CENTRE_THEN_MOVED = (Station((0.0, 0.0), 0.0, 0.0), Station((0.0, 0.0), 1.0, 3.0))
+"""The paper's two stations: the room's centre, and 1 to 3 m away from it."""
+
+
 def footprint_m(surfaces: Iterable[Surface]) -> FloatArray:
     """(4, 2) corners of the bounding rectangle in x and y, counter-clockwise."""
     xy_m = np.concatenate([surface.vertices_m[:, :2] for surface in surfaces])
@@ -29,6 +54,9 @@ def separation_m(first_m: FloatArray, second_m: FloatArray) -> float:
     """A lower bound of the distance of two convex polygons (K, 2), (L, 2); negative if they meet.
 
     The largest gap along any edge normal (separating axes). A segment is a polygon of two corners.
+
+    >>> separation_m(square_m(np.zeros(2), 1.0), square_m(np.array([5.0, 1.0]), 1.0))
+    3.0
     """
     edges = np.concatenate([np.roll(p, -1, axis=0) - p for p in (first_m, second_m)])
     normals = np.column_stack([edges[:, 1], -edges[:, 0]])

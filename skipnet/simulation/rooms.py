@@ -172,9 +172,7 @@ def faces_whole_room(room: Room, index: int) -> bool:
     return bool(((room.corners_m - wall.start_m) @ wall.inward[:2] >= -1e-9).all())
 
 
-def rectangle(
-    low_m: ArrayLike, high_m: ArrayLike, height_m: float, thickness_m: float
-) -> Room:
+def rectangle(low_m: ArrayLike, high_m: ArrayLike, height_m: float, thickness_m: float) -> Room:
     """A room between two corners (2,); walls 0 to 3 face +y, -x, -y and +x."""
     (x0, y0), (x1, y1) = np.asarray(low_m), np.asarray(high_m)
     corners_m = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=np.float64)

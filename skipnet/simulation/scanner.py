@@ -31,6 +31,25 @@ class Scanner:
     min_range_m: float = 0.3
     max_range_m: float = 30.0
 
+    def __post_init__(self) -> None:
+        """Refuse values that no scanner can have."""
+        allowed = {
+            "channels": self.channels >= 1,
+            "azimuth_steps": self.azimuth_steps >= 1,
+            "lowest_rad": -np.pi / 2 <= self.lowest_rad <= self.highest_rad,
+            "highest_rad": self.highest_rad <= np.pi / 2,
+            "range_sigma_m": self.range_sigma_m >= 0,
+            "dropout": 0 <= self.dropout < 1,
+            "max_range_m": 0 <= self.min_range_m < self.max_range_m,
+        }
+        for name, is_allowed in allowed.items():
+            if not is_allowed:
+                raise ValueError(
+                    f"scanner {self.name!r}: {name} is {getattr(self, name)}; expected one channel "
+                    "and step or more, -pi/2 <= lowest <= highest <= pi/2, a range sigma of 0 or "
+                    "more, a dropout in [0, 1) and 0 <= min range < max range"
+                )
+
     def with_beams(self, beams: int) -> Scanner:
         """The same scanner sending about ``beams`` beams per scan."""
         if beams < 1:

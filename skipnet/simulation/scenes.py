@@ -10,7 +10,7 @@ import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
 from skipnet.simulation import facades, families
-from skipnet.simulation.drafts import Draft, Station
+from skipnet.simulation.placement import Draft, Station
 from skipnet.simulation.raycasting import Raycaster
 from skipnet.simulation.shapes import triangle_normals
 from skipnet.types import BoolArray, FloatArray, IntArray

@@ -112,42 +112,35 @@ def box(size_m: FloatArray, hidden: tuple[str, ...] = ()) -> list[Surface]:
 def cylinder(radius_m: float, height_m: float, hidden: tuple[str, ...] = ()) -> list[Surface]:
     """An upright cylinder standing on z = 0: side, then "bottom" and "top" discs unless hidden."""
     angles = np.linspace(0, 2 * np.pi, CIRCLE_SEGMENTS, endpoint=False)
-    low = np.column_stack([radius_m * np.cos(angles), radius_m * np.sin(angles), 0 * angles])
-    high = low + [0, 0, height_m]
-    ring = np.arange(CIRCLE_SEGMENTS)
-    following = np.roll(ring, -1)
-    top_ring = ring + CIRCLE_SEGMENTS
-    top_following = following + CIRCLE_SEGMENTS
-    side = np.concatenate(
-        [
-            np.column_stack([ring, following, top_following]),
-            np.column_stack([ring, top_following, top_ring]),
-        ]
-    )
-    surfaces = [Surface(np.vstack([low, high]), side, is_curved=True)]
+    circle_m = np.column_stack([radius_m * np.cos(angles), radius_m * np.sin(angles), 0 * angles])
+    vertices_m = np.vstack([circle_m, circle_m + [0, 0, height_m]])
+    surfaces = [Surface(vertices_m, _band(2), is_curved=True)]
     if "bottom" not in hidden:
-        surfaces.append(facing(convex_polygon(low), (0, 0, -1)))
+        surfaces.append(facing(convex_polygon(circle_m), (0, 0, -1)))
     if "top" not in hidden:
-        surfaces.append(facing(convex_polygon(high), (0, 0, 1)))
+        surfaces.append(facing(convex_polygon(circle_m + [0, 0, height_m]), (0, 0, 1)))
     return surfaces
 
 
 def sphere(radius_m: float) -> list[Surface]:
     """A sphere resting on z = 0, from rings of latitude."""
-    rows, columns = CIRCLE_SEGMENTS // 2, CIRCLE_SEGMENTS
-    polar, azimuth = np.meshgrid(
-        np.linspace(0, np.pi, rows + 1),
-        np.linspace(0, 2 * np.pi, columns, endpoint=False),
-        indexing="ij",
-    )
-    unit = np.stack(
-        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1
-    )
-    index = np.arange((rows + 1) * columns).reshape(rows + 1, columns)
-    east = np.roll(index, -1, axis=1)
-    # The rings at the poles are points: the triangles that would have no area are left out.
-    upper = np.stack([index[:-1], index[1:], east[1:]], axis=-1)[:-1]
-    lower = np.stack([index[:-1], east[1:], east[:-1]], axis=-1)[1:]
-    triangles = np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)])
+    polar = np.linspace(np.pi, 0, CIRCLE_SEGMENTS // 2 + 1)[:, None]
+    azimuth = np.linspace(0, 2 * np.pi, CIRCLE_SEGMENTS, endpoint=False)
+    unit = np.empty((len(polar), len(azimuth), 3))
+    unit[..., 0] = np.sin(polar) * np.cos(azimuth)
+    unit[..., 1] = np.sin(polar) * np.sin(azimuth)
+    unit[..., 2] = np.cos(polar)
     vertices_m = radius_m * (unit.reshape(-1, 3) + [0, 0, 1])
-    return [Surface(vertices_m, triangles, is_curved=True)]
+    triangles = _band(len(polar))
+    # The rings at the poles are points: triangles with two corners there have no area.
+    at_pole = (triangles < CIRCLE_SEGMENTS) | (triangles >= len(vertices_m) - CIRCLE_SEGMENTS)
+    return [Surface(vertices_m, triangles[at_pole.sum(axis=1) < 2], is_curved=True)]
+
+
+def _band(rings: int) -> IntArray:
+    """Outward triangles between rings of `CIRCLE_SEGMENTS` vertices, the lowest ring first."""
+    index = np.arange(rings * CIRCLE_SEGMENTS).reshape(rings, CIRCLE_SEGMENTS)
+    east = np.roll(index, -1, axis=1)
+    lower = np.stack([index[:-1], east[:-1], east[1:]], axis=-1)
+    upper = np.stack([index[:-1], east[1:], index[1:]], axis=-1)
+    return np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
