@@ -18,21 +18,20 @@ def main(config: RegisterConfig) -> Registration | MultiviewResult:
     """Register what the options name, write the results and return them."""
     from skipnet.registration import files
 
-    folder, inputs = Path(config.output_dir), config.inputs
-    size_m, seed = config.voxel_size_m, config.seed
-    if config.scans:
-        return files.register_scan_files(inputs, folder, voxel_size_m=size_m, seed=seed)
-    if not inputs:
-        return files.register_simulated_pair(folder, voxel_size_m=size_m, seed=seed)
-    return files.register_pair_files(
-        source=inputs[0],
-        target=inputs[1],
-        output_dir=folder,
-        source_viewpoint=config.source_viewpoint,
-        target_viewpoint=config.target_viewpoint,
-        voxel_size_m=size_m,
-        seed=seed,
+    choices = files.Choices(
+        config.source_viewpoint,
+        config.target_viewpoint,
+        config.voxel_size_m,
+        config.seed,
+        config.registration,
     )
+    folder = Path(config.output_dir)
+    if config.scans:
+        return files.register_scan_files(config.inputs, folder, choices)
+    if config.inputs:
+        source, target = config.inputs
+        return files.register_pair_files(source, target, folder, choices)
+    return files.register_simulated_pair(folder, choices)
 
 
 def exit_code(result: Registration | MultiviewResult) -> int:

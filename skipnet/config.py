@@ -34,6 +34,47 @@ def check_viewpoint(option: str, value: object) -> None:
     require(value is None or value == "auto" or is_position, option, value, "auto, null or [x,y,z]")
 
 
+# --- registration ---------------------------------------------------------------------------------
+
+
+class Generator(Enum):
+    """Where candidate poses come from."""
+
+    corners = "corners"
+    edges = "edges"
+    planes = "planes"
+    descriptors = "descriptors"
+
+
+@dataclass
+class RegistrationConfig:
+    """Options of the registration itself; the defaults serve any scan."""
+
+    generators: list[Generator] = field(
+        default_factory=lambda: [Generator.planes, Generator.descriptors]
+    )
+    """Asked in this order; a later one only while the verdict is not clear yet."""
+    denoise: bool = False
+    """Drop outliers first, as the paper does. Effective voxels do without."""
+    denoise_neighbours: int = 4
+    """Nearest neighbours whose mean distance is looked at."""
+    denoise_sigma: float = 1.0
+    """Standard deviations above the mean from which a point is dropped."""
+    violation_weight: float = 6.0
+    """What a voxel in seen free space costs, in matched voxels."""
+    max_correspondences: int = 1500
+    """Descriptor matches that enter the compatibility graph."""
+    refine_samples: int = 1500
+    """Voxels with which candidates are refined before the final judgement."""
+    final_samples: int = 4000
+    """Voxels of each scan that the final judgement looks at."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.generators), "generators", self.generators, "at least one generator")
+        require(self.violation_weight >= 0, "violation_weight", self.violation_weight, "0 or more")
+        require(self.denoise_neighbours >= 1, "denoise_neighbours", self.denoise_neighbours, "1 or more")
+
+
 # --- register.py ----------------------------------------------------------------------------------
 
 
@@ -57,6 +98,8 @@ class RegisterConfig:
     """Voxel edge length in metres; null chooses it from the data."""
     seed: int = 0
     """Seed of every random choice: the same input and seed give the same bits."""
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    """How to register."""
 
     def __post_init__(self) -> None:
         check_viewpoint("source_viewpoint", self.source_viewpoint)
@@ -118,7 +161,7 @@ def standard_variants() -> dict[str, VariantConfig]:
         "icp": VariantConfig("icp", "ICP directly"),
         # Unlimited, what only one scan saw pulls even a right pose off by 0.2 m: give ICP a fair reach here.
         "icp_from_coarse": VariantConfig(
-            "icp", "ICP from our coarse pose", "skipnet", {"max_distance_m": 0.2}
+            "icp", "ICP from our coarse pose", "skipnet", {"max_distance_m": 0.1}
         ),
         "fpfh_ransac": VariantConfig("open3d", "FPFH + RANSAC + ICP"),
         "kiss_matcher": VariantConfig("kiss_matcher", "KISS-Matcher + GICP"),

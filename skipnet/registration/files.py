@@ -6,17 +6,19 @@ Everything is read and checked before anything is written, and every file is wri
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from skipnet.clouds.atomic import write_bytes, write_text
 from skipnet.clouds.cleaning import validate
 from skipnet.clouds.formats import read_points, write_ply
+from skipnet.config import RegistrationConfig
 from skipnet.geometry import pose_error, transform_points
 from skipnet.registration import report
+from skipnet.registration.scans import Viewpoint
 from skipnet.types import FloatArray, Pair, Registration
 
 if TYPE_CHECKING:
@@ -27,72 +29,76 @@ SCANS_OUTPUTS = ("poses.json", "merged.ply", "scans.png", "report.html")
 SIMULATED_FAMILY = "paper_room"
 
 
-def register_pair_files(
-    source: Path,
-    target: Path,
-    output_dir: Path,
-    *,
-    source_viewpoint: str | npt.ArrayLike | None = "auto",
-    target_viewpoint: str | npt.ArrayLike | None = "auto",
-    voxel_size_m: float | None = None,
-    seed: int = 0,
-) -> Registration:
+@dataclass(frozen=True)
+class Choices:
+    """What a user may choose about a registration: the options of ``skipnet.register``."""
+
+    source_viewpoint: Viewpoint = "auto"
+    target_viewpoint: Viewpoint = "auto"
+    voxel_size_m: float | None = None
+    seed: int = 0
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+
+
+def register_pair_files(source: Path, target: Path, output_dir: Path, choices: Choices) -> Registration:
     """Register two files and write ``PAIR_OUTPUTS`` into a folder.
 
     Args:
-        source, target: files that ``read_points`` knows, in metres.
+        source: file to move, of a format that ``read_points`` knows, in metres.
+        target: file that stays.
         output_dir: made when missing; files of an earlier run are replaced.
-        source_viewpoint, target_viewpoint, voxel_size_m, seed: as of ``skipnet.register``.
+        choices: the options.
 
     Raises:
-        FileNotFoundError, ValueError: an input is missing or no point cloud; nothing has been written.
+        FileNotFoundError: an input is missing; nothing has been written.
+        ValueError: an input is no point cloud, or would be overwritten; nothing has been written.
     """
     source_m, target_m = _read_inputs([source, target], output_dir, PAIR_OUTPUTS)
-    result = _register(source_m, target_m, source_viewpoint, target_viewpoint, voxel_size_m, seed)
+    result = _register(source_m, target_m, choices)
     inputs = {"source": str(source), "target": str(target)}
-    _write_pair(source_m, target_m, result, inputs, output_dir, seed)
+    _write_pair(source_m, target_m, result, inputs, output_dir, choices.seed)
     return result
 
 
-def register_simulated_pair(
-    output_dir: Path, *, voxel_size_m: float | None = None, seed: int = 0
-) -> Registration:
+def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     """Simulate two scans of one room, register them, and write them with ``PAIR_OUTPUTS`` into a folder.
 
     Prints how far the result is from the truth, which the registration never saw.
     """
     from skipnet.simulation.pairs import simulate_pair
 
-    pair = simulate_pair(SIMULATED_FAMILY, seed).pair
+    pair = simulate_pair(SIMULATED_FAMILY, choices.seed).pair
     output_dir.mkdir(parents=True, exist_ok=True)
     inputs = {name: str(output_dir / f"{name}.ply") for name in ("source", "target")}
     write_ply(inputs["source"], pair.source_m)
     write_ply(inputs["target"], pair.target_m)
-    result = _register(pair.source_m, pair.target_m, "auto", "auto", voxel_size_m, seed)
-    _write_pair(pair.source_m, pair.target_m, result, inputs, output_dir, seed)
+    result = _register(pair.source_m, pair.target_m, choices)
+    _write_pair(pair.source_m, pair.target_m, result, inputs, output_dir, choices.seed)
     print(_compare_with_truth(result, pair))
     return result
 
 
-def register_scan_files(
-    scans: Sequence[Path], output_dir: Path, *, voxel_size_m: float | None = None, seed: int = 0
-) -> MultiviewResult:
+def register_scan_files(scans: Sequence[Path], output_dir: Path, choices: Choices) -> MultiviewResult:
     """Bring many files into the frame of the first and write ``SCANS_OUTPUTS`` into a folder.
 
+    Every scan's viewpoint is found out; those of ``choices`` are for pairs.
+
     Raises:
-        FileNotFoundError, ValueError: an input is missing or no point cloud; nothing has been written.
+        FileNotFoundError: an input is missing; nothing has been written.
+        ValueError: an input is no point cloud, or would be overwritten; nothing has been written.
     """
     from skipnet.registration.multiview import register_many
 
     clouds_m = _read_inputs(scans, output_dir, SCANS_OUTPUTS)
-    result = register_many(clouds_m, voxel_size_m=voxel_size_m, seed=seed)
+    result = register_many(
+        clouds_m, voxel_size_m=choices.voxel_size_m, seed=choices.seed, config=choices.registration
+    )
+    names = [str(scan) for scan in scans]
     placed = [index for index, T_first_scan in enumerate(result.T_first_scan) if T_first_scan is not None]
     placed_m = [transform_points(result.T_first_scan[index], clouds_m[index]) for index in placed]
-    names = [str(scan) for scan in scans]
-    _write_scans(placed_m, [names[index] for index in placed], output_dir)
-    write_text(output_dir / "poses.json", report.poses_json(result, names, seed))
-    png = (output_dir / "scans.png").read_bytes()
-    write_text(output_dir / "report.html", report.scans_page(result, names, png, seed))
+    png = _write_scans(placed_m, [names[index] for index in placed], output_dir)
+    write_text(output_dir / "report.html", report.scans_page(result, names, png, choices.seed))
+    write_text(output_dir / "poses.json", report.poses_json(result, names, choices.seed))
     _announce(result.status, result.reason, output_dir)
     return result
 
@@ -107,23 +113,17 @@ def _read_inputs(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]
     return clouds_m
 
 
-def _register(
-    source_m: FloatArray,
-    target_m: FloatArray,
-    source_viewpoint: str | npt.ArrayLike | None,
-    target_viewpoint: str | npt.ArrayLike | None,
-    voxel_size_m: float | None,
-    seed: int,
-) -> Registration:
+def _register(source_m: FloatArray, target_m: FloatArray, choices: Choices) -> Registration:
     from skipnet.registration.pipeline import register
 
     return register(
         source_m,
         target_m,
-        source_viewpoint=source_viewpoint,
-        target_viewpoint=target_viewpoint,
-        voxel_size_m=voxel_size_m,
-        seed=seed,
+        source_viewpoint=choices.source_viewpoint,
+        target_viewpoint=choices.target_viewpoint,
+        voxel_size_m=choices.voxel_size_m,
+        seed=choices.seed,
+        config=choices.registration,
     )
 
 
@@ -149,8 +149,8 @@ def _write_pair(
     _announce(f"{result.status} (confidence {result.confidence:.2f})", result.reason, output_dir)
 
 
-def _write_scans(placed_m: Sequence[FloatArray], names: Sequence[str], output_dir: Path) -> None:
-    """The merged cloud, each scan in its colour, and a picture of it."""
+def _write_scans(placed_m: Sequence[FloatArray], names: Sequence[str], output_dir: Path) -> bytes:
+    """Write the merged cloud, each scan in its colour, and a picture of it; return the picture."""
     from matplotlib.colors import to_rgb
 
     from skipnet.viz.pictures import draw_scans, png_bytes, scan_colour
@@ -158,7 +158,9 @@ def _write_scans(placed_m: Sequence[FloatArray], names: Sequence[str], output_di
     tints = [np.multiply(to_rgb(scan_colour(index)), 255) for index in range(len(placed_m))]
     colours = np.repeat(tints, [len(points_m) for points_m in placed_m], axis=0).round()
     write_ply(output_dir / "merged.ply", np.concatenate(placed_m), colours.astype(np.uint8))
-    write_bytes(output_dir / "scans.png", png_bytes(draw_scans(placed_m, names)))
+    png = png_bytes(draw_scans(placed_m, names))
+    write_bytes(output_dir / "scans.png", png)
+    return png
 
 
 def _announce(outcome: str, reason: str, output_dir: Path) -> None:

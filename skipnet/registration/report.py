@@ -18,6 +18,7 @@ from skipnet.viz import html
 if TYPE_CHECKING:
     from skipnet.registration.multiview import MultiviewResult
 
+_LONGEST_DETAIL = 200
 _PACKAGES = ("numpy", "scipy", "torch", "open3d")
 
 
@@ -148,7 +149,8 @@ def _brief(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     text = np.array2string(value, precision=4, threshold=12) if isinstance(value, np.ndarray) else str(value)
-    return " ".join(text.split())
+    text = " ".join(text.split())
+    return text if len(text) <= _LONGEST_DETAIL else text[:_LONGEST_DETAIL] + " ..."
 
 
 def _footer(seed: int) -> str:
