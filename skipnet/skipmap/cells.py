@@ -54,27 +54,38 @@ class CellIndex:
     """
 
     def __init__(self, keys: IntArray, values: IntArray | None = None) -> None:
-        """Build the table over (V,) distinct keys; ``values`` defaults to their positions."""
-        slots = 1 << max(4, int(np.ceil(np.log2(max(1, len(keys)) * 4))))
-        self._shift = np.uint64(64 - int(np.log2(slots)))
-        self._slot_mask = slots - 1
-        self._keys = np.full(slots, _EMPTY)
-        self._values = np.full(slots, -1, dtype=np.int32)
-        if values is None:
-            values = np.arange(len(keys))
-        self._insert(np.asarray(keys, dtype=np.int64), values.astype(np.int32))
+        """Build the table over (V,) distinct keys; ``values`` (int32) default to their positions."""
+        self._allocate(len(keys))
+        self.insert(keys, np.arange(len(keys)) if values is None else values)
+
+    def _allocate(self, keys: int) -> None:
+        bits = max(4, int(np.ceil(np.log2(max(1, keys) * 3))))
+        self._shift = np.uint64(64 - bits)
+        self._slot_mask = (1 << bits) - 1
+        self._keys = np.full(1 << bits, _EMPTY)
+        self._values = np.full(1 << bits, -1, dtype=np.int32)
+        self._used = 0
 
     def _slot(self, keys: IntArray) -> IntArray:
         return ((keys.astype(np.uint64) * _GOLDEN) >> self._shift).astype(np.int64)
 
-    def _insert(self, keys: IntArray, values: IntArray) -> None:
+    def insert(self, keys: IntArray, values: IntArray) -> None:
+        """Add (V,) distinct keys; one that is there already keeps its value."""
+        if 2 * (self._used + len(keys)) > len(self._keys):
+            there, kept = self._keys != _EMPTY, (self._keys, self._values)
+            self._allocate(2 * (self._used + len(keys)))
+            self.insert(kept[0][there], kept[1][there])
         slot = self._slot(keys)
+        values = values.astype(np.int32)
         while len(keys):
-            free = self._keys[slot] == _EMPTY
+            there = self._keys[slot]
+            free = there == _EMPTY
             self._keys[slot[free]] = keys[free]  # of several on one slot the last one stays
-            placed = self._keys[slot] == keys
+            placed = free & (self._keys[slot] == keys)
             self._values[slot[placed]] = values[placed]
-            keys, values, slot = keys[~placed], values[~placed], (slot[~placed] + 1) & self._slot_mask
+            self._used += int(placed.sum())
+            left = ~placed & (there != keys)
+            keys, values, slot = keys[left], values[left], (slot[left] + 1) & self._slot_mask
 
     def find(self, keys: IntArray) -> IntArray:
         """The value stored for each key, int32 of the keys' shape; -1 where the key is absent."""

@@ -33,14 +33,10 @@ class Moments:
         return len(self.count)
 
     def __add__(self, other: Moments) -> Moments:
-        return Moments(
-            self.count + other.count, self.first + other.first, self.second + other.second
-        )
+        return Moments(self.count + other.count, self.first + other.first, self.second + other.second)
 
     def __sub__(self, other: Moments) -> Moments:
-        return Moments(
-            self.count - other.count, self.first - other.first, self.second - other.second
-        )
+        return Moments(self.count - other.count, self.first - other.first, self.second - other.second)
 
     def __getitem__(self, rows: object) -> Moments:
         return Moments(self.count[rows], self.first[rows], self.second[rows])  # type: ignore[index]

@@ -7,7 +7,7 @@ Voxel centres coloured by curvature are the paper's Skip-map picture.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,13 +22,7 @@ MIN_NEIGHBOURHOOD_POINTS = 6
 
 # One of each pair of opposite directions: the other half follows by symmetry.
 _HALF_NEIGHBOURHOOD = np.array(
-    [
-        (x, y, z)
-        for x in (0, 1)
-        for y in (-1, 0, 1)
-        for z in (-1, 0, 1)
-        if (x, y, z) > (0, 0, 0)
-    ]
+    [(x, y, z) for x in (0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)]
 )
 
 
@@ -75,6 +69,16 @@ class SkipMap:
         """Row of each (..., 3) cell, -1 where there is no effective voxel."""
         return self._index.find(pack(cells))
 
+    def seen_from(self, viewpoint_m: FloatArray | None) -> SkipMap:
+        """The same map with normals turned towards (3,) ``viewpoint_m``; None forgets the viewpoint."""
+        if viewpoint_m is None:
+            return replace(self, viewpoint_m=None)
+        viewpoint_m = np.asarray(viewpoint_m, dtype=np.float64)
+        away = np.einsum("vi,vi->v", self.normals, viewpoint_m - self.centroids_m) < 0
+        axes = self.axes.copy()
+        axes[away, :, 0] *= -1
+        return replace(self, axes=axes, viewpoint_m=viewpoint_m)
+
 
 def build_skipmap(
     points_m: FloatArray,
@@ -105,20 +109,18 @@ def skipmap_of_tree(
     around = _sum_neighbourhoods(tree)
     effective = around.count >= min_points
     eigenvalues_m2, axes = principal_axes(around[effective])
-    centroids_m = tree.centroids_m[effective]
-    if viewpoint_m is not None:
-        axes = _orient(axes, centroids_m, np.asarray(viewpoint_m, dtype=np.float64))
-    return SkipMap(
+    skipmap = SkipMap(
         voxel_size_m=tree.voxel_size_m,
         origin_m=tree.origin_m,
         keys=tree.keys[effective],
         counts=tree.moments.count[effective],
-        centroids_m=centroids_m,
+        centroids_m=tree.centroids_m[effective],
         eigenvalues_m2=eigenvalues_m2,
         axes=axes,
         curvatures=curvature(eigenvalues_m2),
-        viewpoint_m=viewpoint_m,
+        viewpoint_m=None,
     )
+    return skipmap.seen_from(viewpoint_m)
 
 
 def _sum_neighbourhoods(tree: SkipTree) -> Moments:
@@ -132,11 +134,3 @@ def _sum_neighbourhoods(tree: SkipTree) -> Moments:
         total[here] += stacked[there]  # no row occurs twice on either side: an offset is a bijection
         total[there] += stacked[here]
     return Moments(total[:, 0], total[:, 1:4], total[:, 4:])
-
-
-def _orient(axes: FloatArray, centroids_m: FloatArray, viewpoint_m: FloatArray) -> FloatArray:
-    """Turn column 0 towards the viewpoint."""
-    away = np.einsum("vi,vi->v", axes[:, :, 0], viewpoint_m - centroids_m) < 0
-    axes = axes.copy()
-    axes[away, :, 0] *= -1
-    return axes

@@ -72,9 +72,7 @@ class SkipTree:
             np.concatenate([self.moments.first, other.moments.first]),
             np.concatenate([self.moments.second, other.moments.second]),
         )
-        return _gather(
-            self.voxel_size_m, self.origin_m, np.concatenate([self.keys, other.keys]), joined
-        )
+        return _gather(self.voxel_size_m, self.origin_m, np.concatenate([self.keys, other.keys]), joined)
 
     def remove(self, other: SkipTree) -> SkipTree:
         """Take a scan that was added out again; voxels left without a point disappear.
@@ -102,9 +100,7 @@ class SkipTree:
 
     def coarser(self, levels: int = 1) -> SkipTree:
         """The tree of voxels 2**levels times as wide, from the moments alone."""
-        return _gather(
-            self.voxel_size_m * 2**levels, self.origin_m, pack(self.cells >> levels), self.moments
-        )
+        return _gather(self.voxel_size_m * 2**levels, self.origin_m, pack(self.cells >> levels), self.moments)
 
     def box(self, low_m: FloatArray, high_m: FloatArray) -> IntArray:
         """Rows of the voxels whose cells meet the closed box [low, high], ascending.
@@ -113,8 +109,7 @@ class SkipTree:
         each by binary search.
         """
         low, high = (
-            cells_of(np.asarray(corner_m), self.voxel_size_m, self.origin_m)
-            for corner_m in (low_m, high_m)
+            cells_of(np.asarray(corner_m), self.voxel_size_m, self.origin_m) for corner_m in (low_m, high_m)
         )
         prefixes = np.zeros((1, 0), dtype=np.int64)
         for axis in range(3):
@@ -156,9 +151,7 @@ class SkipTree:
         return cells[starts, :2], starts
 
 
-def build_tree(
-    points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray | None = None
-) -> SkipTree:
+def build_tree(points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray | None = None) -> SkipTree:
     """Divide (N, 3) points into voxels of ``voxel_size_m``: one sort, one segmented sum.
 
     Args:
@@ -181,9 +174,7 @@ def build_tree(
     return _gather(voxel_size_m, origin_m, keys, moments_of_points(local_m))
 
 
-def _gather(
-    voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: Moments
-) -> SkipTree:
+def _gather(voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: Moments) -> SkipTree:
     """Sort rows by key and add up those that share one."""
     order = np.argsort(keys, kind="stable")
     keys = keys[order]

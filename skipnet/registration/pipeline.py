@@ -1,0 +1,205 @@
+"""Registration on one screen: from two point clouds to a pose, a verdict and what both rest on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from skipnet.clouds.cleaning import denoise, validate
+from skipnet.config import Generator, RegistrationConfig
+from skipnet.features.descriptors import fpfh, mutual_nearest
+from skipnet.registration.hypotheses import Hypotheses, from_correspondences, from_planes
+from skipnet.registration.refinement import Refinement, refine
+from skipnet.registration.scans import Scan, Viewpoint, describe
+from skipnet.registration.verdict import Findings, Verdict, decide, free_directions
+from skipnet.registration.verification import Score, distinct, judge, shortlist
+from skipnet.skipmap.resolution import choose_voxel_size
+from skipnet.types import FloatArray, IntArray, Registration
+
+AMBIGUOUS_LEAD = 0.05
+"""A rival whose score comes within this share of the best one's explains the data as well."""
+CLEAR_CONFIDENCE = 0.99
+"""With this much confidence no further generator is asked."""
+
+
+def register(
+    source: npt.ArrayLike,
+    target: npt.ArrayLike,
+    *,
+    source_viewpoint: Viewpoint = "auto",
+    target_viewpoint: Viewpoint = "auto",
+    voxel_size_m: float | None = None,
+    seed: int = 0,
+    config: RegistrationConfig | None = None,
+) -> Registration:
+    """Find the rigid motion that brings the source scan into the target's frame, without a guess.
+
+    Args:
+        source: (N, 3) points in the source's own frame, metres.
+        target: (M, 3) points in the target's own frame, metres.
+        source_viewpoint: sensor position in the source's frame: (3,), None when unknown, "auto" to find out.
+        target_viewpoint: likewise for the target.
+        voxel_size_m: edge of a voxel; None chooses it from the data.
+        seed: of every random choice: the same input and seed give the same result.
+        config: everything else; None takes the defaults.
+
+    Returns:
+        The pose before and after fine alignment, the verdict and the time of each stage. Not to find a pose
+        is a result ("failed"), not an error.
+
+    Raises:
+        ValueError: the input is not two clouds of finite points that span a surface.
+    """
+    config = config or RegistrationConfig()
+    clock = Stopwatch()
+    with clock("validate"):
+        clouds = validate(source, "source"), validate(target, "target")
+    with clock("denoise"):
+        source_m, target_m = (clean(points_m, config) for points_m in clouds)
+    with clock("skip-map"):
+        size_m = voxel_size_m or choose_voxel_size(source_m, target_m)
+        random_source, random_target = np.random.default_rng(seed).spawn(2)
+        src = describe(source_m, size_m, source_viewpoint, random_source)
+        tgt = describe(target_m, size_m, target_viewpoint, random_target)
+    answer = Answer.none()
+    for generator in config.generators:
+        with clock("hypotheses"):
+            hypotheses = propose(generator, src, tgt, config)
+        with clock("verification"):
+            candidates = np.concatenate([answer.candidates, hypotheses.T_target_source])
+            candidates = shortlist(candidates, src.evidence, tgt.evidence, config.violation_weight)
+        with clock("fine alignment"):
+            answer = settle(candidates, src, tgt, config)
+        if answer.verdict.status == "registered" and answer.verdict.confidence >= CLEAR_CONFIDENCE:
+            break
+    with clock("fine alignment"):
+        T_target_source = polish(answer.T_target_source, src, tgt)
+    return Registration(
+        T_target_source=T_target_source,
+        T_target_source_coarse=answer.T_target_source_coarse,
+        status=answer.verdict.status,
+        confidence=answer.verdict.confidence,
+        reason=answer.verdict.reason,
+        timings_s=clock.seconds,
+        details=answer.details(size_m, src, tgt),
+    )
+
+
+def clean(points_m: FloatArray, config: RegistrationConfig) -> FloatArray:
+    """The paper's denoising, where the config asks for it."""
+    if not config.denoise:
+        return points_m
+    return points_m[denoise(points_m, config.denoise_neighbours, config.denoise_sigma)]
+
+
+def propose(generator: Generator, source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    """Candidate poses of one generator."""
+    size_m = source.skipmap.voxel_size_m
+    if generator is Generator.planes:
+        both_seen = source.viewpoint_m is not None and target.viewpoint_m is not None
+        planes = source.planes if both_seen else source.planes.with_both_signs()
+        return from_planes(planes, target.planes, size_m)
+    rows_s, rows_t, distance = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
+    best = np.argsort(distance, kind="stable")[: config.max_correspondences]
+    source_m = source.skipmap.centroids_m[rows_s[best]]
+    target_m = target.skipmap.centroids_m[rows_t[best]]
+    return from_correspondences(source_m, target_m, np.ones(len(best)), 1.5 * size_m)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The best pose so far, the verdict on it, and the candidates it was chosen from."""
+
+    candidates: FloatArray
+    T_target_source: FloatArray
+    T_target_source_coarse: FloatArray
+    verdict: Verdict
+    findings: Findings | None
+
+    @staticmethod
+    def none() -> Answer:
+        """Before any candidate: the identity, failed."""
+        verdict = Verdict("failed", 0.0, "the scans offered no feature from which to propose a pose")
+        return Answer(np.zeros((0, 4, 4)), np.eye(4), np.eye(4), verdict, None)
+
+    def details(self, voxel_size_m: float, source: Scan, target: Scan) -> dict[str, object]:
+        """What was assumed and found, for reports."""
+        found = self.findings
+        return {
+            "voxel_size_m": voxel_size_m,
+            "source_viewpoint_m": None if source.viewpoint_m is None else source.viewpoint_m.tolist(),
+            "target_viewpoint_m": None if target.viewpoint_m is None else target.viewpoint_m.tolist(),
+            "overlap": found and found.overlap,
+            "violation": found and found.violation,
+            "margin": found and found.margin,
+            "matched_voxels": found and found.matched,
+            "residual_voxels": found and found.residual_voxels,
+            "free_directions": found and found.free_directions.tolist(),
+            "alternatives_T_target_source": found and found.alternatives.tolist(),
+        }
+
+
+def settle(candidates: FloatArray, source: Scan, target: Scan, config: RegistrationConfig) -> Answer:
+    """Refine the candidates a little, judge them again with all evidence, and decide."""
+    if len(candidates) == 0:
+        return Answer.none()
+    levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
+    fine = refine(candidates, levels, samples=config.refine_samples)
+    score = judge(
+        fine.T_target_source,
+        source.evidence,
+        target.evidence,
+        config.final_samples,
+        config.violation_weight,
+        max_distance_voxels=0.5,
+    )
+    order = np.argsort(-score.total, kind="stable")
+    size_m = source.skipmap.voxel_size_m
+    kept = order[distinct(fine.T_target_source[order], source.evidence.points_m, 2 * size_m)]
+    findings = summarise(fine, score, kept, size_m)
+    best = kept[0]
+    return Answer(candidates, fine.T_target_source[best], candidates[best], decide(findings), findings)
+
+
+def summarise(fine: Refinement, score: Score, kept: IntArray, voxel_size_m: float) -> Findings:
+    """What the verdict rests on, for the best of the distinct poses ``kept`` (best first)."""
+    best, rivals = kept[0], kept[1:]
+    top = max(float(score.total[best]), 1e-6)
+    lead = (top - score.total[rivals]) / top
+    return Findings(
+        overlap=float(score.overlap[best]),
+        violation=float(score.violation[best]),
+        margin=float(lead.min()) if len(rivals) else 1.0,
+        matched=int(fine.matched[best]),
+        residual_voxels=float(fine.residual_m[best] / voxel_size_m),
+        free_directions=free_directions(fine.information[best]),
+        alternatives=fine.T_target_source[rivals[lead < AMBIGUOUS_LEAD]],
+    )
+
+
+def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> FloatArray:
+    """The final fine alignment, with every voxel at the middle and the fine level."""
+    levels = [
+        (source.skipmap, target.skipmap),
+        (source.fine_skipmap(), target.fine_skipmap()),
+    ]
+    return refine(T_target_source[None], levels).T_target_source[0]
+
+
+class Stopwatch:
+    """Adds up wall-clock seconds per named stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time the body of a ``with`` under the stage's name."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start

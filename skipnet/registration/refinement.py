@@ -1,0 +1,174 @@
+"""Fine alignment: ICP on Skip-map voxels with oriented normals, from coarse level to fine.
+
+Each source voxel corresponds to the target voxel it falls into, if their normals agree: the two sides of
+a wall never match. Residuals are taken along the normals (symmetric point-to-plane) and weighted by what
+the voxels' moments say about their own accuracy, so flat, well-filled voxels decide and rough ones hardly
+count. A correspondence is one table lookup; no search tree is built.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.geometry import make_transform
+from skipnet.skipmap.cells import cells_of
+from skipnet.skipmap.skipmap import SkipMap
+from skipnet.types import FloatArray, IntArray
+
+MIN_MATCHES = 50
+"""Fewer correspondences at a level say nothing."""
+MODEL_ERROR_VOXELS = 0.002
+"""How far a real surface departs from its voxel's plane, at best: keeps dense voxels from deciding all."""
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Fine poses of C candidates and how well the data determine each."""
+
+    T_target_source: FloatArray
+    """(C, 4, 4) float64; the starting pose where no level had enough to hold on to."""
+    information: FloatArray
+    """(C, 6, 6) inverse covariance of (rotation about the matched points' centre, translation), in the
+    target's axes, 1/rad^2 and 1/m^2."""
+    matched: IntArray
+    """(C,) correspondences in the last step."""
+    residual_m: FloatArray
+    """(C,) median distance of correspondences along the normal."""
+
+
+def refine(
+    T_target_source: FloatArray,
+    levels: list[tuple[SkipMap, SkipMap]],
+    samples: int | None = None,
+    max_steps: int = 12,
+    min_normal_cosine: float = 0.85,
+) -> Refinement:
+    """Refine candidate poses over levels of the Skip-map, all candidates at once.
+
+    Args:
+        T_target_source: (C, 4, 4) starting poses, right to about one voxel of the first level.
+        levels: (source, target) Skip-maps, coarse first.
+        samples: voxels of the source to use at each level; None uses all.
+        max_steps: Gauss-Newton steps at each level; it stops when no pose moves any more.
+        min_normal_cosine: smallest cosine between matching normals.
+    """
+    T = np.array(T_target_source, dtype=np.float64)
+    result = Refinement(T, np.zeros((len(T), 6, 6)), np.zeros(len(T), int), np.zeros(len(T)))
+    for source, target in levels:
+        rows = _spread_rows(len(source), samples)
+        for _ in range(max_steps):
+            matches = _match(T, source, target, rows, min_normal_cosine)
+            T, moved_m = _gauss_newton_step(T, matches)
+            if moved_m < 1e-4 * target.voxel_size_m:
+                break
+        result = _keep_tracked(result, T, matches, 1.5 * target.voxel_size_m)
+        T = result.T_target_source
+    return result
+
+
+def _keep_tracked(before: Refinement, T: FloatArray, matches: _Matches, max_shift_m: float) -> Refinement:
+    """Take over a level's poses, but for those that ran away: too sparse a level has nothing to hold on to."""
+    matched = matches.valid.sum(axis=1)
+    shift_m = np.linalg.norm(
+        apply(T, matches.centre_m) - apply(before.T_target_source, matches.centre_m), axis=1
+    )
+    good = (matched >= MIN_MATCHES) & (shift_m < max_shift_m)
+    return Refinement(
+        np.where(good[:, None, None], T, before.T_target_source),
+        np.where(good[:, None, None], matches.information, before.information),
+        np.where(good, matched, before.matched),
+        np.where(good, matches.residual_m, before.residual_m),
+    )
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """One step's correspondences of C candidates and S voxels, linearised."""
+
+    valid: FloatArray
+    centre_m: FloatArray
+    information: FloatArray
+    gradient: FloatArray
+    residual_m: FloatArray
+
+
+def apply(T_a_b: FloatArray, point_b_m: FloatArray) -> FloatArray:
+    """Map one (C, 3) point by each of (C, 4, 4) transforms."""
+    return np.einsum("cij,cj->ci", T_a_b[:, :3, :3], point_b_m) + T_a_b[:, :3, 3]
+
+
+def _spread_rows(count: int, samples: int | None) -> IntArray:
+    """Evenly spread rows; the tree's order walks through space, so they cover the whole scan."""
+    if samples is None or samples >= count:
+        return np.arange(count)
+    return np.linspace(0, count - 1, samples).astype(np.int64)
+
+
+def _match(
+    T: FloatArray, source: SkipMap, target: SkipMap, rows: IntArray, min_normal_cosine: float
+) -> _Matches:
+    """Correspondences by lookup, their residuals, and the weighted normal equations of (omega, tau)."""
+    rotation = T[:, :3, :3].transpose(0, 2, 1)
+    points_m = source.centroids_m[rows] @ rotation + T[:, None, :3, 3]
+    normals = source.normals[rows] @ rotation
+    row = target.find(cells_of(points_m, target.voxel_size_m, target.origin_m))
+    cosine = np.einsum("csi,csi->cs", normals, target.normals[row])
+    if source.viewpoint_m is None or target.viewpoint_m is None:
+        normals, cosine = normals * np.sign(cosine)[..., None], np.abs(cosine)
+    valid = (row >= 0) & (cosine > min_normal_cosine)
+    normals = normals + target.normals[row]
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
+    residual_m = np.einsum("csi,csi->cs", target.centroids_m[row] - points_m, normals)
+    variance_m2 = _variance(source)[rows] + _variance(target)[row]
+    return _linearise(points_m, normals, residual_m, variance_m2, valid)
+
+
+def _linearise(
+    points_m: FloatArray,
+    normals: FloatArray,
+    residual_m: FloatArray,
+    variance_m2: FloatArray,
+    valid: FloatArray,
+) -> _Matches:
+    """Robustly weighted normal equations about the matched points' centre (Geman-McClure weights)."""
+    count = np.maximum(valid.sum(axis=1), 1)
+    centre_m = np.einsum("cs,csi->ci", valid.astype(np.float64), points_m) / count[:, None]
+    typical_m = np.array(
+        [np.median(np.abs(r[v])) if v.any() else 0.0 for r, v in zip(residual_m, valid, strict=True)]
+    )
+    scale_m2 = (4 * typical_m[:, None]) ** 2 + variance_m2
+    robust = (scale_m2 / (scale_m2 + residual_m**2)) ** 2
+    weight = np.where(valid, robust / (variance_m2 + typical_m[:, None] ** 2), 0.0)
+    jacobian = np.concatenate([np.cross(points_m - centre_m[:, None], normals), normals], axis=-1)
+    weighted = jacobian * weight[..., None]
+    return _Matches(
+        valid,
+        centre_m,
+        weighted.transpose(0, 2, 1) @ jacobian,
+        np.einsum("csi,cs->ci", weighted, residual_m),
+        typical_m,
+    )
+
+
+def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, float]:
+    """Move every pose by its normal equations' solution; directions the data leave free stay put."""
+    from scipy.spatial.transform import Rotation
+
+    diagonal = np.einsum("cii->ci", matches.information)
+    damping = 1e-6 * diagonal.mean(axis=1, keepdims=True) + 1e-12
+    step = np.linalg.solve(matches.information + np.eye(6) * damping[..., None], matches.gradient[..., None])[
+        ..., 0
+    ]
+    rotation = Rotation.from_rotvec(step[:, :3]).as_matrix()
+    about_m = matches.centre_m
+    shift_m = about_m - np.einsum("cij,cj->ci", rotation, about_m) + step[:, 3:]
+    moved_m = np.abs(step[:, 3:]).max() + np.abs(step[:, :3]).max() * np.ptp(about_m, axis=0).max()
+    return make_transform(rotation, shift_m) @ T, float(moved_m)
+
+
+def _variance(skipmap: SkipMap) -> FloatArray:
+    """(V,) variance of each centroid along its normal: the scatter across the surface over the points."""
+    floor_m = MODEL_ERROR_VOXELS * skipmap.voxel_size_m
+    return skipmap.eigenvalues_m2[:, 0] / skipmap.counts + floor_m**2

@@ -1,0 +1,109 @@
+"""The verdict: registered, ambiguous or failed, with a calibrated confidence and a reason in words."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from skipnet.types import FloatArray
+
+CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
+MIN_CONFIDENCE = 0.8
+"""A pose counts as registered from here on."""
+MIN_DETERMINED = 1e-3
+"""A direction that holds less than this share of the normals' information is free to slide."""
+FEATURES = ("overlap", "violation", "margin", "matched", "residual")
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What is known about the best pose when the verdict is due."""
+
+    overlap: float
+    """Mean of both ways' matched shares."""
+    violation: float
+    """Mean of both ways' shares in seen free space."""
+    margin: float
+    """Score above the best distinct alternative's, as a share of the own score; 1 without a rival."""
+    matched: int
+    """Correspondences of the fine alignment."""
+    residual_voxels: float
+    """Median distance of these along the normals."""
+    free_directions: FloatArray
+    """(F, 3) unit directions in the target's frame along which the data let the pose slide."""
+    alternatives: FloatArray
+    """(A, 4, 4) distinct poses that explain the data as well."""
+
+    @property
+    def features(self) -> FloatArray:
+        """What the confidence is computed from, in the order of ``FEATURES``."""
+        return np.array(
+            [
+                self.overlap,
+                np.sqrt(self.violation),
+                min(self.margin, 1.0),
+                np.log10(1 + self.matched),
+                self.residual_voxels,
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The tool's word on a result."""
+
+    status: str
+    """"registered", "ambiguous" or "failed"."""
+    confidence: float
+    """In [0, 1]: the share of results with this value that are right."""
+    reason: str
+    """One sentence for a person."""
+
+
+def decide(findings: Findings) -> Verdict:
+    """Turn the findings about the best pose into a verdict."""
+    confidence = confidence_of(findings.features)
+    seen = f"{findings.overlap:.0%} of the surfaces agree"
+    if len(findings.free_directions):
+        axis = np.array2string(findings.free_directions[0], precision=2, suppress_small=True)
+        reason = f"{seen}, but nothing fixes the position along {axis} in the target's frame"
+        return Verdict("ambiguous", min(confidence, 0.5), reason)
+    if len(findings.alternatives):
+        poses = 1 + len(findings.alternatives)
+        reason = f"{seen}, but {poses} distinct poses explain the data about equally well"
+        return Verdict("ambiguous", min(confidence, 1 / poses), reason)
+    if confidence < MIN_CONFIDENCE:
+        reason = f"no pose explains both scans: in the best one {seen}"
+        return Verdict("failed", confidence, reason)
+    reason = f"{seen} and {findings.violation:.1%} contradict what the sensors saw as free"
+    return Verdict("registered", confidence, reason)
+
+
+def confidence_of(features: FloatArray) -> float:
+    """Calibrated probability that a pose with these ``FEATURES`` is right (logistic regression)."""
+    weights, bias = _calibration()
+    return float(1 / (1 + np.exp(-(features @ weights + bias))))
+
+
+def free_directions(information: FloatArray) -> FloatArray:
+    """(F, 3) directions along which the matched normals do not hold the translation.
+
+    Args:
+        information: (6, 6) normal matrix of (rotation, translation).
+    """
+    held = information[3:, 3:]
+    trace = np.trace(held)
+    if trace <= 0:
+        return np.eye(3)
+    values, vectors = np.linalg.eigh(held / trace)
+    return vectors[:, values < MIN_DETERMINED].T
+
+
+@cache
+def _calibration() -> tuple[FloatArray, float]:
+    stored = json.loads(CALIBRATION_FILE.read_text())
+    return np.array([stored["weights"][name] for name in FEATURES]), float(stored["bias"])

@@ -1,0 +1,48 @@
+"""The one length a user may set, found in the data: the voxel size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skipnet.skipmap.cells import CELL_MAX, cells_of, pack, unpack
+from skipnet.types import FloatArray
+
+TARGET_VOXELS = 10_000
+"""Occupied voxels that describe one scan well: 0.15 m voxels in a furnished 10 m room."""
+MIN_POINTS_PER_VOXEL = 5
+"""Mean points per voxel below which curvature and normals are guesses."""
+
+
+def choose_voxel_size(source_m: FloatArray, target_m: FloatArray) -> float:
+    """The voxel size for a pair of scans, from their own extent and density.
+
+    Each scan asks for the size at which it occupies ``TARGET_VOXELS`` voxels, or fewer where it is too
+    sparse for that; the larger of both sizes serves both.
+
+    Args:
+        source_m: (N, 3) points.
+        target_m: (M, 3) points.
+
+    Returns:
+        Voxel size in the points' unit, to two digits: small changes of the input leave it alone.
+    """
+    size_m = max(_size_for_one(source_m), _size_for_one(target_m))
+    return float(f"{size_m:.2g}")
+
+
+def _size_for_one(points_m: FloatArray) -> float:
+    """Count occupied voxels over doubling sizes and interpolate to the goal on logarithmic scales."""
+    goal = min(TARGET_VOXELS, len(points_m) / MIN_POINTS_PER_VOXEL)
+    centre_m = np.median(points_m, axis=0)
+    distance_m = np.linalg.norm(points_m - centre_m, axis=1)
+    spread_m = float(np.quantile(distance_m, 0.75)) or float(distance_m.max())
+    finest_m = max(spread_m / 64, float(distance_m.max()) / CELL_MAX)
+    cells = unpack(np.unique(pack(cells_of(points_m, finest_m, centre_m))))
+    counts = [len(cells)]
+    while counts[-1] > goal and counts[-1] > 1:
+        cells = unpack(np.unique(pack(cells >> 1)))
+        counts.append(len(cells))
+    if len(counts) == 1:  # a finer size serves: the number of voxels on surfaces grows with 1 / size^2
+        return finest_m * float(np.sqrt(counts[0] / goal))
+    doublings = np.interp(-np.log(goal), -np.log(counts), np.arange(len(counts)))
+    return finest_m * float(2**doublings)
