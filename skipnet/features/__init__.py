@@ -1,0 +1,1 @@
+"""What single voxels show: patches, primitives, descriptors."""

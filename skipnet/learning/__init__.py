@@ -1,0 +1,1 @@
+"""The network that classifies feature voxels, and everything that trains it."""

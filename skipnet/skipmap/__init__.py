@@ -1,0 +1,1 @@
+"""Voxels with additive moments: the skip-tree and the Skip-map."""
