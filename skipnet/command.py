@@ -73,6 +73,8 @@ def is_user_error(error: BaseException) -> bool:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
+    if isinstance(error, ImportError) and (error.name or "").split(".")[0] == "skipnet":
+        return False
     return isinstance(error, (*USER_ERRORS, HydraException, OmegaConfBaseException))
 
 

@@ -100,7 +100,7 @@ def test_a_sweep_runs_every_combination_each_in_its_own_folder(toy, tmp_path):
     assert code == 0
     assert [(config.count, config.brush.colour.name) for config in seen] == [
         (1, "red"), (1, "blue"), (2, "red"), (2, "blue"),
-    ]  # fmt: skip
+    ]
     assert [Path(config.output_dir) for config in seen] == [tmp_path / "out" / number for number in "0123"]
 
 
@@ -159,9 +159,10 @@ def test_the_task_s_user_errors_are_one_line(toy, error, line):
     assert (code, printed) == (2, line)
 
 
-def test_a_bug_keeps_its_traceback(toy):
-    with pytest.raises(ZeroDivisionError):
-        toy(task=raising(ZeroDivisionError()))
+@pytest.mark.parametrize("bug", [ZeroDivisionError(), ImportError("no such room", name="skipnet.attic")])
+def test_a_bug_keeps_its_traceback(toy, bug):
+    with pytest.raises(type(bug)):
+        toy(task=raising(bug))
 
 
 def test_hydra_full_error_brings_the_traceback(toy, monkeypatch):

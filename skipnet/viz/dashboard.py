@@ -60,9 +60,14 @@ def log_hyperparameters(
 
 def log_figure(writer: SummaryWriter, tag: str, figure: Figure, step: int = 0) -> None:
     """A Matplotlib figure in the IMAGES tab."""
+    log_png(writer, tag, png_bytes(figure, dpi=100), step)
+
+
+def log_png(writer: SummaryWriter, tag: str, png: bytes, step: int = 0) -> None:
+    """A PNG file's content in the IMAGES tab."""
     from matplotlib.image import imread
 
-    pixels = imread(io.BytesIO(png_bytes(figure, dpi=100)), format="png")[..., :3]
+    pixels = imread(io.BytesIO(png), format="png")[..., :3]
     writer.add_image(tag, pixels, step, dataformats="HWC")
 
 

@@ -155,12 +155,21 @@ def class_colours(classes: IntArray) -> IntArray:
 def thin(points_m: FloatArray, most: int = _MOST_DOTS) -> FloatArray:
     """At most ``most`` of the points, even over space: a scan's dense part near the sensor hides the rest."""
     points_m = np.asarray(points_m)
-    cell_m = max(float(np.ptp(points_m, axis=0).max()), 1e-9) / _THINNING_CELLS
-    cells = ((points_m - points_m.min(axis=0)) / cell_m).astype(np.int64)
-    _, first = np.unique(cells @ [(_THINNING_CELLS + 1) ** 2, _THINNING_CELLS + 1, 1], return_index=True)
+    low_m, high_m = _robust_bounds_m(points_m)
+    cell_m = max(float((high_m - low_m).max()), 1e-9) / _THINNING_CELLS
+    farthest = 10 * _THINNING_CELLS
+    x, y, z = np.clip((points_m - low_m) / cell_m, -farthest, farthest).astype(np.int64).T
+    width = 2 * farthest + 1
+    _, first = np.unique((x * width + y) * width + z, return_index=True)
     if len(first) > most:
         first = np.random.default_rng(0).choice(first, most, replace=False)
     return points_m[first]
+
+
+def _robust_bounds_m(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(3,) lower and upper corner of all but the outermost points."""
+    low_m, high_m = np.percentile(points_m, [0.5, 99.5], axis=0)
+    return low_m, high_m
 
 
 def _new_figure(width_in: float, height_in: float) -> Figure:
@@ -174,7 +183,7 @@ def _views_by_columns(points_m: FloatArray, titles: Sequence[str]) -> tuple[Figu
 
     The clearly longer of x and y runs to the right. A far stray point does not set the scale.
     """
-    low_m, high_m = np.percentile(points_m, [0.5, 99.5], axis=0)
+    low_m, high_m = _robust_bounds_m(points_m)
     margin_m = 0.05 * float((high_m - low_m).max()) + 1e-6
     low_m, high_m = low_m - margin_m, high_m + margin_m
     extent_m = high_m - low_m
