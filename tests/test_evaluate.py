@@ -40,9 +40,7 @@ def run_folder(tmp_path_factory):
     """A run of two small simulated rooms."""
     folder = tmp_path_factory.mktemp("run")
     summary = evaluate.main(
-        EvaluateConfig(
-            pairs=2, points=3000, methods=["small_gicp", "kiss_matcher"], output_dir=str(folder)
-        )
+        EvaluateConfig(pairs=2, points=3000, methods=["small_gicp", "kiss_matcher"], output_dir=str(folder))
     )
     return folder, summary
 
@@ -131,9 +129,7 @@ def test_a_method_stays_at_the_truth_when_it_starts_there(adapter, options):
     assert set(estimate.stage_s) <= {"map", "transform", "fine"}
     assert estimate.T_target_source.shape == (4, 4)
     if adapter in ("icp", "small_gicp"):
-        rotation_error_rad, translation_error_m = pose_error(
-            estimate.T_target_source, pair.T_target_source
-        )
+        rotation_error_rad, translation_error_m = pose_error(estimate.T_target_source, pair.T_target_source)
         assert rotation_error_rad < np.deg2rad(0.5)
         assert translation_error_m < 0.03
 
@@ -179,9 +175,7 @@ def test_unknown_adapter_or_option_lists_the_known_ones(variant):
 
 
 def test_misspelt_option_is_one_line_and_exit_code_2(capsys):
-    code = command.run(
-        "evaluate", EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, arguments=["pair=3"]
-    )
+    code = command.run("evaluate", EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, arguments=["pair=3"])
     assert code == 2
     assert capsys.readouterr().err.count("\n") == 1
 

@@ -72,30 +72,33 @@ def draw_extremes(
 def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
     """Cumulative curves of the mean axis error; a curve that ends below 1 has pairs without a pose."""
     figure, axes = _new_figure(4.2)
-    for colour, (label, chosen) in _coloured(rows, labels):
-        errors_mm = np.sort([row.mean_error_mm for row in chosen])
+    for line in _lines(rows, labels):
+        errors_mm = np.sort([row.mean_error_mm for row in line.rows])
         shares = np.arange(1, len(errors_mm) + 1) / len(errors_mm)
         finite = np.isfinite(errors_mm)
         x_mm = np.concatenate([errors_mm[finite][:1], errors_mm[finite]])
-        y = np.concatenate([[0.0], shares[finite]])
-        axes.step(x_mm, y, where="post", color=colour, label=label, linewidth=2)
+        y = np.concatenate([[0.0][: finite.sum()], shares[finite]])
+        style = "--" if line.is_coarse else "-"
+        axes.step(x_mm, y, style, where="post", color=line.colour, label=line.label, linewidth=2)
     axes.set(xscale="log", xlabel="mean axis error (mm)", ylabel="share of the pairs", ylim=(0, 1.03))
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 
 
 def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
-    """One dot per pair and row; hollow dots are failures."""
+    """One mark per pair and row; hollow marks are failures."""
     figure, axes = _new_figure(4.2)
     index_of = {name: i for i, name in enumerate(dict.fromkeys(row.pair for row in rows))}
-    for colour, (label, chosen) in _coloured(rows, labels):
-        x = np.array([index_of[row.pair] for row in chosen])
-        errors_mm = np.array([row.mean_error_mm for row in chosen])
-        right = np.array([row.success for row in chosen])
-        axes.scatter(x[right], errors_mm[right], s=22, color=colour, label=label)
-        axes.scatter(x[~right], errors_mm[~right], s=22, facecolors="none", edgecolors=colour)
+    for line in _lines(rows, labels):
+        x = np.array([index_of[row.pair] for row in line.rows])
+        errors_mm = np.array([row.mean_error_mm for row in line.rows])
+        faces = [line.colour if row.success else "none" for row in line.rows]
+        marker = "s" if line.is_coarse else "o"
+        axes.scatter(x, errors_mm, s=20, marker=marker, facecolors=faces, edgecolors=line.colour)
+        axes.scatter([], [], s=20, marker=marker, color=line.colour, label=line.label)
     axes.set(yscale="log", xlabel="pair", ylabel="mean axis error (mm)")
-    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0), title="filled: success")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 
 
@@ -139,18 +142,29 @@ def median_stages_s(summary: Sequence[dict[str, Any]], method: str) -> dict[str,
     }
 
 
-def _coloured(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[tuple[str, tuple[str, list[ScoreRow]]]]:
-    """(colour, (label, rows)) of every method and stage."""
+@dataclass(frozen=True)
+class _Line:
+    """A method's stage in a figure: one colour per method."""
+
+    label: str
+    colour: str
+    is_coarse: bool
+    rows: list[ScoreRow]
+
+
+def _lines(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[_Line]:
     keys = list(dict.fromkeys((row.method, row.stage) for row in rows))
     both = {method for method, stage in keys if stage == "coarse"}
-    groups = [
-        (
-            row_label(labels[method], stage, method in both),
-            [row for row in rows if (row.method, row.stage) == (method, stage)],
+    methods = list(dict.fromkeys(method for method, _ in keys))
+    return [
+        _Line(
+            label=row_label(labels[method], stage, method in both),
+            colour=SCAN_COLOURS[methods.index(method) % len(SCAN_COLOURS)],
+            is_coarse=stage == "coarse",
+            rows=[row for row in rows if (row.method, row.stage) == (method, stage)],
         )
         for method, stage in keys
     ]
-    return [(SCAN_COLOURS[i % len(SCAN_COLOURS)], group) for i, group in enumerate(groups)]
 
 
 def _new_figure(height_inch: float) -> tuple[Figure, Axes]:
@@ -161,4 +175,5 @@ def _new_figure(height_inch: float) -> tuple[Figure, Axes]:
     axes = figure.subplots()
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.3)
+    axes.set_axisbelow(True)
     return figure, axes

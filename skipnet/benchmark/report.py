@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 from collections.abc import Sequence
@@ -23,12 +24,13 @@ from skipnet.benchmark.tables import (
     means_table,
     pairs_table,
     sets_table,
+    stages_table,
     table_2,
     verdict_table,
 )
 from skipnet.registration.report import versions
 from skipnet.viz import html
-from skipnet.viz.dashboard import log_figure, log_hyperparameters, open_dashboard
+from skipnet.viz.dashboard import log_hyperparameters, log_png, log_scalars, open_dashboard
 from skipnet.viz.pictures import png_bytes
 
 PEER_PACKAGES = ("kiss-matcher", "small_gicp")
@@ -70,7 +72,7 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     pictures = write_figures(figures, folder / "figures")
     (folder / "report.md").write_text(markdown(summary, tables, figures), encoding="utf-8")
     (folder / "report.html").write_text(html_page(summary, tables, figures, pictures), encoding="utf-8")
-    write_dashboard(results, entries, tables, figures, folder / "tensorboard")
+    write_dashboard(results, entries, tables, pictures, folder / "tensorboard")
     return summary
 
 
@@ -90,6 +92,8 @@ def make_tables(results: Results, entries: Sequence[dict[str, Any]]) -> list[Tab
     """The report's tables, the one in the form of the paper's Table 2 first."""
     is_papers_room = {row.set for row in results.rows} == {PAPER_FAMILY}
     tables = [table_2(entries, with_paper=is_papers_room), means_table(entries)]
+    if sum(entry["stage"] == "coarse" for entry in entries) > 1:
+        tables.insert(1, stages_table(entries, results.labels))
     if len(entries[0]["success_rate_by_set"]) > 1:
         tables.append(sets_table(entries))
     tables.append(verdict_table(results.rows, results.labels))
@@ -166,23 +170,33 @@ def write_dashboard(
     results: Results,
     entries: Sequence[dict[str, Any]],
     tables: Sequence[Table],
-    figures: Sequence[ReportFigure],
+    pictures: dict[str, bytes],
     folder: Path,
 ) -> None:
-    """The same scalars, tables and pictures for TensorBoard, where runs can be compared."""
+    """The same figures for TensorBoard, where runs can be compared; curves run over the pairs."""
+    step_of = {name: step for step, name in enumerate(results.pair_set.names)}
     with open_dashboard(folder) as writer:
-        scores = {}
-        for entry in entries:
-            name = f"{entry['method']}_{entry['stage']}"
-            scores[f"success_rate/{name}"] = entry["success_rate"]
+        log_hyperparameters(writer, dict(results.about), headline_scores(entries))
+        for row in results.rows:
             for measure in ("mean_error_mm", "rotation_error_deg", "time_s"):
-                if entry["median"][measure] is not None:
-                    scores[f"median_{measure}/{name}"] = entry["median"][measure]
-        log_hyperparameters(writer, dict(results.about), scores)
-        for table in tables:
-            writer.add_text(table.title.split(":")[0], table.markdown())
-        for figure in figures:
-            log_figure(writer, figure.name, figure.figure)
+                if math.isfinite(getattr(row, measure)):
+                    tag = f"{measure} by pair/{row.method}_{row.stage}"
+                    log_scalars(writer, {tag: getattr(row, measure)}, step_of[row.pair])
+        for number, table in enumerate(tables, start=1):
+            writer.add_text(f"{number}. {table.title}", table.markdown())
+        for name, png in pictures.items():
+            log_png(writer, f"figures/{name}", png)
+
+
+def headline_scores(entries: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Success rate and median error of every row, by which runs are compared."""
+    scores = {}
+    for entry in entries:
+        name = f"{entry['method']}_{entry['stage']}"
+        scores[f"success_rate/{name}"] = entry["success_rate"]
+        if entry["median"]["mean_error_mm"] is not None:
+            scores[f"median_mean_error_mm/{name}"] = entry["median"]["mean_error_mm"]
+    return scores
 
 
 def _title(summary: dict[str, Any]) -> str:

@@ -86,7 +86,7 @@ def table_2(summary: Sequence[dict[str, Any]], with_paper: bool) -> Table:
         "mean: of the three. The time of a row is that of its own stage: fine comes on top of coarse."
     )
     headers = ("", "success", *TABLE_2_COLUMNS.values())
-    return Table("Table 2: time and error of each stage", headers, tuple(rows), note)
+    return Table("Time and error of each stage, as in Table 2 of the paper", headers, tuple(rows), note)
 
 
 def means_table(summary: Sequence[dict[str, Any]]) -> Table:
@@ -103,6 +103,24 @@ def means_table(summary: Sequence[dict[str, Any]]) -> Table:
     headers = ("", "poses", *TABLE_2_COLUMNS.values(), "largest (mm)")
     note = "Means over the pairs that got a pose; largest: the worst pair's mean error (– if one has no pose)."
     return Table("Means instead of medians", headers, rows, note)
+
+
+def stages_table(summary: Sequence[dict[str, Any]], labels: dict[str, str]) -> Table:
+    """Methods with a coarse stage side by side, one line each: what ablations are read from."""
+    of = {(entry["method"], entry["stage"]): entry for entry in summary}
+    rows = []
+    for method in dict.fromkeys(entry["method"] for entry in summary if entry["stage"] == "coarse"):
+        coarse, fine = of[method, "coarse"], of[method, "fine"]
+        cells = [labels[method]]
+        for entry in (coarse, fine):
+            median = entry["median"]
+            errors = (median["mean_error_mm"], median["rotation_error_deg"], median["time_s"])
+            cells += [_success(entry), *(number(value) for value in errors)]
+        rows.append(tuple(cells))
+    measures = ("success", "mean (mm)", "rotation (deg)", "time (s)")
+    headers = ("", *(f"{stage} {name}" for stage in ("coarse", "fine") for name in measures))
+    note = "Errors and times are medians over all pairs. Both stages are held to the same thresholds."
+    return Table("Coarse and fine side by side", headers, tuple(rows), note)
 
 
 def sets_table(summary: Sequence[dict[str, Any]]) -> Table:
