@@ -1,0 +1,70 @@
+"""Every command and snippet of the README works as it stands there.
+
+Runs of register.py are tested in test_register_cli.py, those of the other scripts in their own tests; here
+each command line is composed as written (``--cfg job``), so that no option in the README is ever stale.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from skipnet.clouds.formats import SUPPORTED, write_ply
+from skipnet.simulation.pairs import simulate_pair
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+COMMANDS = [line for block in blocks("bash") for line in block.splitlines()]
+
+
+@pytest.mark.parametrize("line", [line for line in COMMANDS if line.startswith("python ")])
+def test_the_options_of_every_command_exist(tmp_path, line):
+    _, script, *arguments = shlex.split(line)
+    arguments = [argument for argument in arguments if argument != "--multirun"]
+    if "--multirun" in line:
+        arguments = [argument.split(",")[0] for argument in arguments]
+    command = [sys.executable, str(ROOT / script), *arguments, "--cfg", "job"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "output_dir: " in run.stdout
+
+
+@pytest.mark.parametrize("line", [line for line in COMMANDS if not line.startswith("python ")])
+def test_every_other_command_is_a_target_of_make(line):
+    assert line.startswith("make ")
+    subprocess.run(["make", "-n", *line.split()[1:]], cwd=ROOT, check=True, capture_output=True)
+
+
+def test_the_python_snippet_runs(tmp_path, monkeypatch, capsys):
+    pair = simulate_pair("paper_room", seed=2, points=30_000).pair
+    write_ply(tmp_path / "a.ply", pair.source_m)
+    write_ply(tmp_path / "b.ply", pair.target_m)
+    monkeypatch.chdir(tmp_path)
+    [snippet] = blocks("python")
+    names: dict = {}
+    exec(snippet, names)
+    assert capsys.readouterr().out.startswith("registered")
+    assert names["aligned"].shape == pair.source_m.shape
+
+
+def test_every_supported_extension_is_named():
+    assert [extension for extension in SUPPORTED if f"`{extension}`" not in README] == []
+
+
+def test_the_files_and_rooms_it_names_exist():
+    for path in re.findall(r"`((?:skipnet|tests|configs)/[\w./]*)`", README):
+        assert (ROOT / path).exists(), path
+    rooms = set(re.findall(r"`(\w+)/?`", README.split("| room |")[1].split("Conventions")[0]))
+    present = {path.stem for path in (ROOT / "skipnet").iterdir() if path.name[0] not in "_."}
+    assert rooms == present
