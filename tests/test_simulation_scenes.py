@@ -6,10 +6,26 @@ import numpy as np
 import pytest
 
 from skipnet.simulation import furniture
-from skipnet.simulation.placement import GAP_M, contains, furnish, separation_m, square_m
+from skipnet.simulation.placement import (
+    GAP_M,
+    Station,
+    contains,
+    furnish,
+    separation_m,
+    square_m,
+)
 from skipnet.simulation.rooms import Opening, Wall, rectangle, reveals, wall_face
-from skipnet.simulation.scenes import FAMILIES, is_free, make_scene, place_sensors
-from skipnet.simulation.shapes import box, cylinder, join, shifted, sphere, triangle_normals
+from skipnet.simulation.scenes import FAMILIES, Scene, is_free, make_scene, place_sensors
+from skipnet.simulation.shapes import (
+    box,
+    convex_polygon,
+    cylinder,
+    facing,
+    join,
+    shifted,
+    sphere,
+    triangle_normals,
+)
 
 UNIT_SQUARE_M = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -111,18 +127,20 @@ def test_furniture_keeps_its_gaps():
         furniture.ball_on_drum,
     ],
 )
-def test_pieces_stand_on_the_floor_and_no_two_faces_share_a_plane(maker):
+def test_pieces_stand_on_the_floor_and_no_two_faces_touch_in_one_plane(maker):
     for seed in range(5):
         pieces = maker(np.random.default_rng(seed))
         assert join(pieces).vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-9)
         flat = [p for p in pieces if not p.is_curved]
         normals = [triangle_normals(p.vertices_m, p.triangles[:1])[0] for p in flat]
-        planes = np.array([[*n, n @ p.vertices_m[0]] for n, p in zip(normals, flat, strict=True)])
-        # Legs and boards repeat planes at a distance; faces that touch would be one surface.
-        for i in range(len(flat)):
-            same = np.flatnonzero(np.abs(planes[i + 1 :] - planes[i]).max(axis=1) < 1e-6) + i + 1
-            for j in same:
-                assert _box_gap_m(flat[i].vertices_m, flat[j].vertices_m) > 0.01
+        planes = [[*n, n @ p.vertices_m[0]] for n, p in zip(normals, flat, strict=True)]
+        planes = np.array(planes).reshape(-1, 4)
+        # Legs and boards repeat planes at a distance. Faces of one plane that touch would be one
+        # surface if they face the same way, and would hide each other if they face each other.
+        same = np.abs(planes[:, None] - planes).max(axis=-1) < 1e-6
+        facing = np.abs(planes[:, None] + planes).max(axis=-1) < 1e-6
+        for i, j in np.argwhere(np.triu(same | facing, k=1)):
+            assert _box_gap_m(flat[i].vertices_m, flat[j].vertices_m) > 0.01
 
 
 def _box_gap_m(first_m, second_m):
@@ -206,6 +224,28 @@ def test_places_in_or_on_furniture_outside_or_too_near_the_floor_are_not_free():
     assert is_free(scene, np.array([[0.0, 0.0, 1.4]])).all()
     bad_m = [top_m - [0, 0, 0.05], top_m + [0, 0, 0.6], [50.0, 0.0, 1.4], [0.0, 0.0, 0.2]]
     assert not is_free(scene, np.array(bad_m)).any()
+
+
+def test_the_middle_of_a_box_large_enough_to_stand_in_is_not_free():
+    floor = facing(
+        convex_polygon(np.column_stack([square_m(np.zeros(2), 9.0), np.zeros(4)])), (0, 0, 1)
+    )
+    parts = [floor, *box(np.array([3.0, 3.0, 3.0]), hidden=("bottom",))]
+    whole = join(parts)
+    scene = Scene(
+        family="box on a floor",
+        seed=0,
+        vertices_m=whole.vertices_m,
+        triangles=whole.triangles,
+        surface_of_triangle=np.repeat(np.arange(len(parts)), 2),
+        surface_is_curved=np.zeros(len(parts), dtype=bool),
+        stations=(Station((0.0, 0.0), 0.0, 0.5),),
+    )
+    np.testing.assert_array_equal(
+        is_free(scene, np.array([[0, 0, 1.4], [5.0, 0, 1.4]])), [False, True]
+    )
+    with pytest.raises(ValueError, match="no free place for a sensor"):
+        place_sensors(scene, 1, 0)
 
 
 def test_bad_family_and_seed_say_what_is_expected():
