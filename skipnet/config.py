@@ -60,7 +60,7 @@ class RegistrationConfig:
     """Nearest neighbours whose mean distance is looked at."""
     denoise_sigma: float = 1.0
     """Standard deviations above the mean from which a point is dropped."""
-    violation_weight: float = 6.0
+    violation_weight: float = 12.0
     """What a voxel in seen free space costs, in matched voxels."""
     max_correspondences: int = 1500
     """Descriptor matches that enter the compatibility graph."""

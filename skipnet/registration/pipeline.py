@@ -13,7 +13,8 @@ import numpy.typing as npt
 from skipnet.clouds.cleaning import denoise, validate
 from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
-from skipnet.registration.hypotheses import Hypotheses, from_correspondences, from_planes
+from skipnet.registration.hypotheses import Hypotheses, from_correspondences
+from skipnet.registration.plane_hypotheses import from_planes
 from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan, Viewpoint, describe
 from skipnet.registration.verdict import Findings, Verdict, decide, free_directions

@@ -161,7 +161,7 @@ def shortlist(
     target: Evidence,
     violation_weight: float,
     count: int = 20,
-    rounds: tuple[tuple[int, int], ...] = ((60, 300), (400, 100)),
+    rounds: tuple[tuple[int, int], ...] = ((24, 2000), (100, 400), (400, 100)),
 ) -> FloatArray:
     """Judge many candidates with few samples, the better ones with more; keep the best distinct ones.
 

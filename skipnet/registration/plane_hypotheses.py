@@ -1,0 +1,177 @@
+"""Hypotheses from planes: walls, floors and furniture fronts fix a pose where three differ in direction."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from skipnet.features.primitives import Planes
+from skipnet.geometry import make_transform
+from skipnet.registration.hypotheses import NO_HYPOTHESES, Hypotheses, best_rotations, concatenate
+from skipnet.types import FloatArray, IntArray
+
+
+def from_planes(
+    source: Planes,
+    target: Planes,
+    voxel_size_m: float,
+    max_rotations: int = 60,
+    per_rotation: int = 120,
+    max_angle_rad: float = 0.06,
+) -> Hypotheses:
+    """Rotations from pairs of planes that meet at equal angles, translations from parallel planes' offsets.
+
+    Args:
+        source: planes of the source, normals towards its sensor (or with both signs).
+        target: planes of the target, likewise.
+        voxel_size_m: offsets that differ by less support the same translation.
+        max_rotations: distinct rotations to keep.
+        per_rotation: translations to keep for each.
+        max_angle_rad: largest disagreement of angles between planes.
+    """
+    rotations = _plane_rotations(source, target, max_rotations, max_angle_rad)
+    stacks = [
+        _plane_translations(rotation, source, target, voxel_size_m, per_rotation, max_angle_rad)
+        for rotation in rotations
+    ]
+    return concatenate([stack for stack in stacks if len(stack)])
+
+
+def _plane_rotations(source: Planes, target: Planes, max_rotations: int, max_angle_rad: float) -> FloatArray:
+    """(R, 3, 3) distinct rotations that align many plane normals, best first."""
+    i, j = _oblique_pairs(source.normals, ordered=False)
+    k, m = _oblique_pairs(target.normals, ordered=True)
+    angle_s = np.arccos(np.clip((source.normals[i] * source.normals[j]).sum(1), -1, 1))
+    angle_t = np.arccos(np.clip((target.normals[k] * target.normals[m]).sum(1), -1, 1))
+    p, q = np.nonzero(np.abs(angle_s[:, None] - angle_t) < max_angle_rad)
+    if len(p) == 0:
+        return np.zeros((0, 3, 3))
+    weight = np.minimum(source.weights[i[p]], target.weights[k[q]]) * np.minimum(
+        source.weights[j[p]], target.weights[m[q]]
+    )
+    best = np.argsort(-weight, kind="stable")[:3000]
+    p, q = p[best], q[best]
+    rotations = _frames(target.normals[k[q]], target.normals[m[q]]) @ _frames(
+        source.normals[i[p]], source.normals[j[p]]
+    ).transpose(0, 2, 1)
+    support = _shared_area(rotations, source, target, 1.5 * max_angle_rad).sum(axis=(1, 2))
+    rotations = _distinct_rotations(rotations, support, max_rotations, 1.5 * max_angle_rad)
+    shared = _shared_area(rotations, source, target, 1.5 * max_angle_rad)
+    return best_rotations(np.einsum("rst,ti,sj->rij", shared, target.normals, source.normals))
+
+
+def _oblique_pairs(normals: FloatArray, ordered: bool) -> tuple[IntArray, IntArray]:
+    """Index pairs of normals at least 20 degrees from parallel."""
+    sine = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=-1)
+    pairs = sine > np.sin(np.deg2rad(20))
+    return np.nonzero(pairs if ordered else np.triu(pairs))
+
+
+def _frames(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(P, 3, 3) right-handed frames in columns: symmetric in both directions, so neither is preferred."""
+    third = np.cross(first, second)
+    third /= np.linalg.norm(third, axis=1, keepdims=True)
+    middle = first + second
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    return np.stack([middle, np.cross(third, middle), third], axis=-1)
+
+
+def _shared_area(rotations: FloatArray, source: Planes, target: Planes, max_angle_rad: float) -> FloatArray:
+    """(R, S, T) area that each source plane shares with the target plane nearest to it in direction."""
+    cosine = np.einsum("rij,sj,ti->rst", rotations, source.normals, target.normals, optimize=True)
+    shared = np.where(cosine > np.cos(max_angle_rad), np.minimum(source.weights[:, None], target.weights), 0.0)
+    return np.where(shared == shared.max(axis=2, keepdims=True), shared, 0.0)
+
+
+def _distinct_rotations(
+    rotations: FloatArray, support: FloatArray, max_rotations: int, min_angle_rad: float
+) -> FloatArray:
+    """Greedy choice by support; rotations within ``min_angle_rad`` of a better one are dropped."""
+    min_trace = 1 + 2 * np.cos(min_angle_rad)
+    left = np.argsort(-support, kind="stable")
+    kept = []
+    while len(left) and len(kept) < max_rotations:
+        kept.append(left[0])
+        trace = np.einsum("rij,ij->r", rotations[left], rotations[left[0]])
+        left = left[trace < min_trace]
+    return rotations[kept]
+
+
+def _plane_translations(
+    rotation: FloatArray,
+    source: Planes,
+    target: Planes,
+    voxel_size_m: float,
+    count: int,
+    max_angle_rad: float,
+) -> Hypotheses:
+    """Translations on which offsets of parallel planes agree; every triple of directions may fix one.
+
+    In two rooms seen through a door no pair of large walls may correspond along one axis; a slanted
+    cupboard front, small as it is, then holds what the walls cannot.
+    """
+    cosine = target.normals @ (source.normals @ rotation.T).T
+    t, s = np.nonzero(cosine > np.cos(1.5 * max_angle_rad))
+    if len(t) == 0:
+        return NO_HYPOTHESES
+    normals = target.normals[t]
+    moved_m = source.centroids_m[s] @ rotation.T
+    shift_m = target.offsets_m[t] - (normals * moved_m).sum(axis=1)
+    weight = np.sqrt(np.minimum(target.weights[t], source.weights[s]))
+    directions = _directions(normals, weight)
+    votes = [_vote(normals @ axis, shift_m, weight, voxel_size_m) for axis in directions]
+    solved = [
+        _solve(directions[list(triple)], [votes[axis] for axis in triple])
+        for triple in combinations(range(len(directions)), 3)
+    ]
+    translations_m = np.concatenate([np.zeros((0, 3)), *solved])
+    agree = np.abs(translations_m @ normals.T - shift_m) < voxel_size_m
+    support = agree @ weight
+    best = np.argsort(-support, kind="stable")[:count]
+    rotations = np.broadcast_to(rotation, (len(best), 3, 3))
+    return Hypotheses(make_transform(rotations, translations_m[best]), support[best])
+
+
+def _directions(normals: FloatArray, weights: FloatArray, count: int = 5) -> FloatArray:
+    """(D, 3) directions of much area, at least 20 degrees apart, either sign."""
+    free, axes = np.ones(len(normals), dtype=bool), []
+    while free.any() and len(axes) < count:
+        axes.append(normals[np.where(free, weights, -1).argmax()])
+        free &= np.abs(normals @ axes[-1]) < np.cos(np.deg2rad(20))
+    return np.array(axes)
+
+
+def _vote(
+    along: FloatArray, shift_m: FloatArray, weights: FloatArray, width_m: float, count: int = 16
+) -> tuple[FloatArray, FloatArray]:
+    """The ``count`` shifts along one direction with the most weight within ``width_m``, and that weight.
+
+    Args:
+        along: (P,) cosine between each pair's normal and the direction; parallel ones of either sign vote.
+        shift_m: (P,) shift along its own normal that each pair asks for.
+        weights: (P,) of the pairs.
+        width_m: shifts closer than this support each other.
+        count: peaks to return.
+    """
+    parallel = np.abs(along) > np.cos(0.12)
+    offsets_m, weights = shift_m[parallel] * np.sign(along[parallel]), weights[parallel]
+    near = np.abs(offsets_m[:, None] - offsets_m) < width_m
+    support = near @ weights
+    mean_m = (near @ (weights * offsets_m)) / support
+    left, peaks = np.argsort(-support, kind="stable"), []
+    while len(left) and len(peaks) < count:
+        peaks.append(left[0])
+        left = left[np.abs(mean_m[left] - mean_m[left[0]]) > width_m]
+    return mean_m[peaks], support[peaks]
+
+
+def _solve(axes: FloatArray, votes: list[tuple[FloatArray, FloatArray]], count: int = 1500) -> FloatArray:
+    """(M, 3) translations from all combinations of three directions' peaks, strongest first."""
+    if abs(np.linalg.det(axes)) < 0.2:
+        return np.zeros((0, 3))
+    grids = np.meshgrid(*[shift_m for shift_m, _ in votes], indexing="ij")
+    support = sum(np.meshgrid(*[weight for _, weight in votes], indexing="ij")).ravel()
+    shifts_m = np.stack([grid.ravel() for grid in grids], axis=-1)
+    strongest = np.argsort(-support, kind="stable")[:count]
+    return np.linalg.solve(axes, shifts_m[strongest].T).T
