@@ -5,7 +5,7 @@ SHELL := /bin/bash
 
 VENV := .venv
 PY := $(VENV)/bin/python
-APT_LIBRARIES := libusb-1.0-0 libgl1 libgomp1
+APT_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1
 
 .PHONY: demo test lint clean
 
@@ -33,8 +33,9 @@ apt_install() {
 		echo "    sudo apt-get update && sudo apt-get install -y $$*" >&2
 		exit 1
 	fi
-	$$root apt-get update -q
-	DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -q --no-install-recommends "$$@"
+	echo "Installing Debian packages: $$*"
+	$$root apt-get update -qq
+	DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -qq --no-install-recommends "$$@" >/dev/null
 }
 endef
 

@@ -26,7 +26,7 @@ EXIT_NOT_REGISTERED = 3
 FULL_ERROR = "HYDRA_FULL_ERROR"
 
 # What Open3D loads and a bare Debian lacks.
-DEBIAN_LIBRARIES = "libusb-1.0-0 libgl1 libgomp1"
+DEBIAN_LIBRARIES = "libusb-1.0-0 libgl1 libegl1 libgomp1"
 
 # What a user can mend. Anything else is a bug of ours and keeps its traceback.
 USER_ERRORS = (ValueError, OSError, ImportError)

@@ -150,7 +150,7 @@ def raising(error):
         (
             OSError("libusb-1.0.so.0: cannot open shared object file"),
             "toy: libusb-1.0.so.0: cannot open shared object file; "
-            "on Debian: apt-get install libusb-1.0-0 libgl1 libgomp1\n",
+            "on Debian: apt-get install libusb-1.0-0 libgl1 libegl1 libgomp1\n",
         ),
     ],
 )
