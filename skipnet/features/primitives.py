@@ -1,4 +1,4 @@
-"""Planes, edge lines and corners: the geometric primitives that a Skip-map's feature voxels form."""
+"""Planes: the primitives that a Skip-map's flat voxels form."""
 
 from __future__ import annotations
 
@@ -40,25 +40,6 @@ class Planes:
             np.concatenate([self.centroids_m, self.centroids_m]),
             np.concatenate([self.weights, self.weights]),
         )
-
-
-@dataclass(frozen=True)
-class Keypoints:
-    """K salient points of a scan with what is known about each."""
-
-    points_m: FloatArray
-    """(K, 3) positions in the scan's frame."""
-    normals: FloatArray
-    """(K, 3) unit normals there."""
-    directions: FloatArray
-    """(K, 3) unit directions of least change (an edge's line), of either sign."""
-    classes: IntArray
-    """(K,) FeatureClass of each."""
-    weights: FloatArray
-    """(K,) supporting voxels."""
-
-    def __len__(self) -> int:
-        return len(self.points_m)
 
 
 def find_planes(

@@ -107,3 +107,15 @@ def best_rotations(correlation: FloatArray) -> FloatArray:
     u, _, vt = np.linalg.svd(correlation)
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     return u @ vt
+
+
+def bisector_frames(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(P, 3, 3) right-handed frames of two directions each, in columns: bisector, across, normal.
+
+    Neither direction is preferred: an error of the angle between them is shared.
+    """
+    third = np.cross(first, second)
+    third /= np.linalg.norm(third, axis=1, keepdims=True)
+    middle = first + second
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    return np.stack([middle, np.cross(third, middle), third], axis=-1)

@@ -8,7 +8,13 @@ import numpy as np
 
 from skipnet.features.primitives import Planes
 from skipnet.geometry import make_transform
-from skipnet.registration.hypotheses import NO_HYPOTHESES, Hypotheses, best_rotations, concatenate
+from skipnet.registration.hypotheses import (
+    NO_HYPOTHESES,
+    Hypotheses,
+    best_rotations,
+    bisector_frames,
+    concatenate,
+)
 from skipnet.types import FloatArray, IntArray
 
 
@@ -38,7 +44,9 @@ def from_planes(
     return concatenate([stack for stack in stacks if len(stack)])
 
 
-def _plane_rotations(source: Planes, target: Planes, max_rotations: int, max_angle_rad: float) -> FloatArray:
+def _plane_rotations(
+    source: Planes, target: Planes, max_rotations: int, max_angle_rad: float
+) -> FloatArray:
     """(R, 3, 3) distinct rotations that align many plane normals, best first."""
     i, j = _oblique_pairs(source.normals, ordered=False)
     k, m = _oblique_pairs(target.normals, ordered=True)
@@ -52,7 +60,7 @@ def _plane_rotations(source: Planes, target: Planes, max_rotations: int, max_ang
     )
     best = np.argsort(-weight, kind="stable")[:3000]
     p, q = p[best], q[best]
-    rotations = _frames(target.normals[k[q]], target.normals[m[q]]) @ _frames(
+    rotations = bisector_frames(target.normals[k[q]], target.normals[m[q]]) @ bisector_frames(
         source.normals[i[p]], source.normals[j[p]]
     ).transpose(0, 2, 1)
     support = _shared_area(rotations, source, target, 1.5 * max_angle_rad).sum(axis=(1, 2))
@@ -68,19 +76,14 @@ def _oblique_pairs(normals: FloatArray, ordered: bool) -> tuple[IntArray, IntArr
     return np.nonzero(pairs if ordered else np.triu(pairs))
 
 
-def _frames(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(P, 3, 3) right-handed frames in columns: symmetric in both directions, so neither is preferred."""
-    third = np.cross(first, second)
-    third /= np.linalg.norm(third, axis=1, keepdims=True)
-    middle = first + second
-    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    return np.stack([middle, np.cross(third, middle), third], axis=-1)
-
-
-def _shared_area(rotations: FloatArray, source: Planes, target: Planes, max_angle_rad: float) -> FloatArray:
+def _shared_area(
+    rotations: FloatArray, source: Planes, target: Planes, max_angle_rad: float
+) -> FloatArray:
     """(R, S, T) area that each source plane shares with the target plane nearest to it in direction."""
     cosine = np.einsum("rij,sj,ti->rst", rotations, source.normals, target.normals, optimize=True)
-    shared = np.where(cosine > np.cos(max_angle_rad), np.minimum(source.weights[:, None], target.weights), 0.0)
+    shared = np.where(
+        cosine > np.cos(max_angle_rad), np.minimum(source.weights[:, None], target.weights), 0.0
+    )
     return np.where(shared == shared.max(axis=2, keepdims=True), shared, 0.0)
 
 
@@ -166,7 +169,9 @@ def _vote(
     return mean_m[peaks], support[peaks]
 
 
-def _solve(axes: FloatArray, votes: list[tuple[FloatArray, FloatArray]], count: int = 1500) -> FloatArray:
+def _solve(
+    axes: FloatArray, votes: list[tuple[FloatArray, FloatArray]], count: int = 1500
+) -> FloatArray:
     """(M, 3) translations from all combinations of three directions' peaks, strongest first."""
     if abs(np.linalg.det(axes)) < 0.2:
         return np.zeros((0, 3))
