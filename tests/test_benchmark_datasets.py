@@ -18,7 +18,7 @@ def truth():
 
 @pytest.fixture
 def folder(tmp_path, truth):
-    """Two sets of one pair each; source and target hold the same points, so the truth can be checked."""
+    """Two sets of one pair each; source and target hold the same points."""
     target_m = np.random.default_rng(0).uniform(-2, 2, (50, 3))
     for name in ("hall", "attic"):
         (tmp_path / name).mkdir()
@@ -40,7 +40,9 @@ def folder(tmp_path, truth):
     return tmp_path
 
 
-@pytest.mark.parametrize(("turn", "shift_m"), [(False, 0.0), (True, 0.0), (True, 3.0), (False, 3.0)])
+@pytest.mark.parametrize(
+    ("turn", "shift_m"), [(False, 0.0), (True, 0.0), (True, 3.0), (False, 3.0)]
+)
 def test_truth_follows_the_moved_source(folder, truth, turn, shift_m):
     pair = folder_pairs(folder, turn=turn, shift_m=shift_m, seed=5).load(0)
     aligned_m = transform_points(pair.T_target_source, pair.source_m)

@@ -49,7 +49,9 @@ def raising(task):
 
 
 def contestant(name, run, start_from=""):
-    return Contestant(name, name.upper(), run, settings_hash=f"hash of {name}", start_from=start_from)
+    return Contestant(
+        name, name.upper(), run, settings_hash=f"hash of {name}", start_from=start_from
+    )
 
 
 def test_scores_of_a_run_by_hand(tmp_path):
@@ -61,7 +63,9 @@ def test_scores_of_a_run_by_hand(tmp_path):
     ]
     predict(pairs, entrants, path, io.StringIO())
     rows = score_predictions(pairs, [c.name for c in entrants], read_predictions(path))
-    table = {(e["method"], e["stage"]): e for e in summarise(rows, {c.name: c.label for c in entrants})}
+    table = {
+        (e["method"], e["stage"]): e for e in summarise(rows, {c.name: c.label for c in entrants})
+    }
     assert list(table) == [
         ("ours", "coarse"), ("ours", "fine"), ("icp", "fine"), ("icp_from_ours", "fine")
     ]  # fmt: skip
@@ -100,7 +104,9 @@ def test_an_exception_is_a_failed_pair_that_counts(tmp_path):
     failed = read_predictions(path)[2]
     assert failed.error == "ArithmeticError: no inliers"
     assert failed.T_target_source is None
-    coarse, fine = summarise(score_predictions(pairs, ["shaky"], read_predictions(path)), {"shaky": "S"})
+    coarse, fine = summarise(
+        score_predictions(pairs, ["shaky"], read_predictions(path)), {"shaky": "S"}
+    )
     assert (fine["successes"], fine["pairs"], fine["poses"]) == (3, 4, 3)
     assert fine["success_rate"] == 0.75
     assert coarse["pairs"] == 4
@@ -110,7 +116,9 @@ def test_an_exception_is_a_failed_pair_that_counts(tmp_path):
 def test_most_pairs_failed_means_no_median(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(2)
     predict(pairs, [contestant("broken", raising)], path, io.StringIO())
-    (entry,) = summarise(score_predictions(pairs, ["broken"], read_predictions(path)), {"broken": "B"})
+    (entry,) = summarise(
+        score_predictions(pairs, ["broken"], read_predictions(path)), {"broken": "B"}
+    )
     assert entry["success_rate"] == 0.0
     assert entry["median"]["mean_error_mm"] is None
     assert entry["mean"]["mean_error_mm"] is None
@@ -155,7 +163,9 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path):
 def test_predictions_survive_the_file_to_the_last_bit(tmp_path):
     path = tmp_path / "predictions.jsonl"
     matrix = np.random.default_rng(0).standard_normal((4, 4)).tolist()
-    prediction = Prediction("a", "m", "hash", 0.1, {"fine": 0.1}, {}, matrix, None, "registered", 0.9)
+    prediction = Prediction(
+        "a", "m", "hash", 0.1, {"fine": 0.1}, {}, matrix, None, "registered", 0.9
+    )
     append_prediction(path, prediction)
     assert read_predictions(path) == [prediction]
 
@@ -175,7 +185,9 @@ def test_scores_need_every_prediction():
 def test_scores_csv_has_units_in_its_headers(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(1)
     predict(pairs, [contestant("ours", two_staged)], path, io.StringIO())
-    write_scores(score_predictions(pairs, ["ours"], read_predictions(path)), tmp_path / "scores.csv")
+    write_scores(
+        score_predictions(pairs, ["ours"], read_predictions(path)), tmp_path / "scores.csv"
+    )
     header, coarse, fine = (tmp_path / "scores.csv").read_text().splitlines()
     record = dict(zip(header.split(","), coarse.split(","), strict=True))
     assert float(record["x_error_mm"]) == pytest.approx(300)

@@ -40,7 +40,9 @@ def run_folder(tmp_path_factory):
     """A run of two small simulated rooms."""
     folder = tmp_path_factory.mktemp("run")
     summary = evaluate.main(
-        EvaluateConfig(pairs=2, points=3000, methods=["small_gicp", "kiss_matcher"], output_dir=str(folder))
+        EvaluateConfig(
+            pairs=2, points=3000, methods=["small_gicp", "kiss_matcher"], output_dir=str(folder)
+        )
     )
     return folder, summary
 
@@ -64,7 +66,9 @@ def test_summary_can_be_recomputed_from_the_csv(run_folder):
         records = list(csv.DictReader(file))
     assert len(records) == 6
     for entry in summary["rows"]:
-        chosen = [r for r in records if (r["method"], r["stage"]) == (entry["method"], entry["stage"])]
+        chosen = [
+            r for r in records if (r["method"], r["stage"]) == (entry["method"], entry["stage"])
+        ]
         errors_mm = [float(record["mean_error_mm"]) for record in chosen]
         assert entry["median"]["mean_error_mm"] == pytest.approx(np.median(errors_mm))
         assert entry["successes"] == sum(record["success"] == "True" for record in chosen)
@@ -77,6 +81,22 @@ def test_report_stands_beside_the_paper_and_opens_offline(run_folder):
     assert text.count("data:image/png;base64,") == len(list((folder / "figures").iterdir()))
     for linked in re.findall(r"\]\((figures/[^)]+)\)", (folder / "report.md").read_text()):
         assert (folder / linked).is_file()
+
+
+def test_tensorboard_holds_curves_tables_and_pictures(run_folder):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    folder, summary = run_folder
+    events = EventAccumulator(str(folder / "tensorboard")).Reload()
+    tags = events.Tags()
+    curve = events.Scalars("mean_error_mm by pair/small_gicp_fine")
+    assert [point.step for point in curve] == [0, 1]
+    (rate,) = events.Scalars("success_rate/small_gicp_fine")
+    assert rate.value == pytest.approx(summary["rows"][0]["success_rate"])
+    assert {f"figures/{path.stem}" for path in (folder / "figures").iterdir()} <= set(
+        tags["images"]
+    )
+    assert any("Time and error" in tag for tag in tags["tensors"])
 
 
 def test_the_paper_stands_under_the_rows_it_has():
@@ -129,14 +149,33 @@ def test_a_method_stays_at_the_truth_when_it_starts_there(adapter, options):
     assert set(estimate.stage_s) <= {"map", "transform", "fine"}
     assert estimate.T_target_source.shape == (4, 4)
     if adapter in ("icp", "small_gicp"):
-        rotation_error_rad, translation_error_m = pose_error(estimate.T_target_source, pair.T_target_source)
+        rotation_error_rad, translation_error_m = pose_error(
+            estimate.T_target_source, pair.T_target_source
+        )
         assert rotation_error_rad < np.deg2rad(0.5)
         assert translation_error_m < 0.03
 
 
+def test_skipnet_splits_its_time_as_the_paper_does():
+    from skipnet.benchmark.methods.ours import FINE_STAGES, TRANSFORM_STAGES
+
+    pair = simulate_pair("paper_room", 1, points=20_000).pair
+    estimate = make_method("skipnet", {"generators": ["planes"]})(
+        Task(pair.source_m, pair.target_m)
+    )
+    # A stage that registration renamed would silently count as map.
+    assert {*TRANSFORM_STAGES, *FINE_STAGES} <= set(estimate.timings_s)
+    fine_s = sum(estimate.timings_s[stage] for stage in FINE_STAGES)
+    assert estimate.stage_s["fine"] == pytest.approx(fine_s)
+    assert sum(estimate.stage_s.values()) >= sum(estimate.timings_s.values())
+    assert estimate.T_target_source_coarse is not None
+
+
 def test_icp_brings_back_a_small_motion_exactly():
     points_m = np.random.default_rng(0).uniform(-1, 1, (500, 3))
-    T_true = make_transform(rotation_from_vector(np.array([0.01, 0.0, 0.02])), np.array([0.01, 0, 0]))
+    T_true = make_transform(
+        rotation_from_vector(np.array([0.01, 0.0, 0.02])), np.array([0.01, 0, 0])
+    )
     source_m = (points_m - T_true[:3, 3]) @ T_true[:3, :3]
     estimate = make_method("icp")(Task(source_m, points_m))
     assert pose_error(estimate.T_target_source, T_true) == pytest.approx((0, 0), abs=1e-6)
@@ -165,17 +204,25 @@ def test_settings_that_do_not_fit_say_what_to_do(options, message):
 
 
 @pytest.mark.parametrize(
-    "variant",
-    [VariantConfig("gicp"), VariantConfig("icp", options={"max_distance": 1.0})],
+    ("variant", "message"),
+    [
+        (VariantConfig("gicp"), "gicp.*small_gicp"),
+        (VariantConfig("icp", options={"max_distance": 1.0}), "max_distance.*max_distance_m"),
+        (VariantConfig("skipnet", options={"generator": ["planes"]}), "generator"),
+        (VariantConfig("skipnet", options={"generators": ["walls"]}), "walls"),
+        (VariantConfig("kiss_matcher", options={"voxel_size_m": 0.001}), "0.005"),
+    ],
 )
-def test_unknown_adapter_or_option_lists_the_known_ones(variant):
+def test_unknown_adapters_and_options_are_named(variant, message):
     config = EvaluateConfig(methods=["icp"], variants={"icp": variant})
-    with pytest.raises(ValueError, match="icp|max_distance_m"):
+    with pytest.raises(ValueError, match=message):
         make_contestants(config)
 
 
 def test_misspelt_option_is_one_line_and_exit_code_2(capsys):
-    code = command.run("evaluate", EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, arguments=["pair=3"])
+    code = command.run(
+        "evaluate", EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, arguments=["pair=3"]
+    )
     assert code == 2
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -184,7 +231,8 @@ def test_help_is_instant_in_that_it_imports_nothing_heavy():
     script = (
         "import sys, evaluate; from skipnet import command; "
         "command.run('evaluate', evaluate.EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, "
-        "arguments=['pair=3']); print([m for m in ('torch', 'open3d', 'matplotlib') if m in sys.modules])"
+        "arguments=['pair=3']); "
+        "print([m for m in ('torch', 'open3d', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.strip() == "[]"

@@ -45,7 +45,8 @@ def test_quarter_turn_by_hand():
 def test_axis_errors_do_not_depend_on_the_source_frame():
     rng = np.random.default_rng(0)
     T_estimated, T_true, T_source_other = (
-        make_transform(Rotation.random(rng=rng).as_matrix(), rng.standard_normal(3)) for _ in range(3)
+        make_transform(Rotation.random(rng=rng).as_matrix(), rng.standard_normal(3))
+        for _ in range(3)
     )
     other_m = transform_points(np.linalg.inv(T_source_other), POINTS_M)
     moved = axis_errors_m(T_estimated @ T_source_other, T_true @ T_source_other, other_m)

@@ -23,7 +23,7 @@ PAIRS_FILE = "pairs.json"
 
 @dataclass(frozen=True)
 class PairSet:
-    """Named pairs, each made or read when it is asked for; the same index always gives the same pair."""
+    """Named pairs, each made or read when asked for; an index always gives the same pair."""
 
     names: tuple[str, ...]
     load: Callable[[int], Pair]
@@ -31,7 +31,9 @@ class PairSet:
     def __post_init__(self) -> None:
         repeated = {name for name in self.names if self.names.count(name) > 1}
         if repeated:
-            raise ValueError(f"pair names must be unique, but {sorted(repeated)} occur more than once")
+            raise ValueError(
+                f"pair names must be unique, but {sorted(repeated)} occur more than once"
+            )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -80,15 +82,15 @@ def folder_pairs(
 ) -> PairSet:
     """The pairs that ``pairs.json`` in ``folder`` lists, each source first moved at random.
 
-    Shipped pairs are often nearly aligned, which would flatter local methods. The source is turned about
-    its own origin by a rotation drawn uniformly from SO(3) (seeded by ``seed`` and the pair's name, so a
-    subset of the pairs sees the same motions) and then shifted. The origin, where many scanners stand,
-    stays the viewpoint unless there is a shift.
+    Shipped pairs are often nearly aligned, which would flatter local methods. The source is turned
+    about its own origin by a rotation drawn uniformly from SO(3) (seeded by ``seed`` and the pair's
+    name, so a subset of the pairs sees the same motions) and then shifted. The origin, where many
+    scanners stand, stays the viewpoint unless there is a shift.
 
     Args:
-        folder: holds ``pairs.json`` and the clouds. Each entry of its list ``pairs`` has set, source, target
-            (paths in the folder), T_target_source (4x4, metres), success_rotation_deg,
-            success_translation_m and perhaps overlap.
+        folder: holds ``pairs.json`` and the clouds. Each entry of its list ``pairs`` has set,
+            source, target (paths in the folder), T_target_source (4x4, metres),
+            success_rotation_deg, success_translation_m and perhaps overlap.
         sets: names of the sets to keep; None or empty keeps all.
         turn: whether to turn the sources.
         shift_m: length of the shift, in a random direction.
@@ -125,7 +127,9 @@ def move_source(pair: Pair, seed: int, turn: bool, shift_m: float) -> Pair:
 def _read_entries(folder: Path, sets: list[str] | None) -> list[dict[str, Any]]:
     path = folder / PAIRS_FILE
     if not path.is_file():
-        raise FileNotFoundError(f"no {PAIRS_FILE} in {folder}: name the folder that holds it with data=FOLDER")
+        raise FileNotFoundError(
+            f"no {PAIRS_FILE} in {folder}: name the folder that holds it with data=FOLDER"
+        )
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))["pairs"]
     except (json.JSONDecodeError, KeyError, TypeError) as error:

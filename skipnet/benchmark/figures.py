@@ -70,7 +70,7 @@ def draw_extremes(
 
 
 def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
-    """Cumulative curves of the mean axis error; a curve that ends below 1 has pairs without a pose."""
+    """Cumulative curves of the mean axis error; one that ends below 1 has pairs without a pose."""
     figure, axes = _new_figure(4.2)
     for line in _lines(rows, labels):
         errors_mm = np.sort([row.mean_error_mm for row in line.rows])
@@ -80,13 +80,17 @@ def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figur
         y = np.concatenate([[0.0][: finite.sum()], shares[finite]])
         style = "--" if line.is_coarse else "-"
         axes.step(x_mm, y, style, where="post", color=line.colour, label=line.label, linewidth=2)
-    axes.set(xscale="log", xlabel="mean axis error (mm)", ylabel="share of the pairs", ylim=(0, 1.03))
+    axes.set(
+        xscale="log", xlabel="mean axis error (mm)", ylabel="share of the pairs", ylim=(0, 1.03)
+    )
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 
 
 def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
     """One mark per pair and row; hollow marks are failures."""
+    from matplotlib.ticker import MaxNLocator
+
     figure, axes = _new_figure(4.2)
     index_of = {name: i for i, name in enumerate(dict.fromkeys(row.pair for row in rows))}
     for line in _lines(rows, labels):
@@ -97,7 +101,7 @@ def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure
         axes.scatter(x, errors_mm, s=20, marker=marker, facecolors=faces, edgecolors=line.colour)
         axes.scatter([], [], s=20, marker=marker, color=line.colour, label=line.label)
     axes.set(yscale="log", xlabel="pair", ylabel="mean axis error (mm)")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 

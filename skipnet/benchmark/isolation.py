@@ -1,4 +1,4 @@
-"""A method in a child process of its own, which can be stopped: a hang or a crash costs one pair."""
+"""A method in a child process that can be stopped: a hang or a crash costs one pair."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from skipnet.benchmark.methods import Estimate, Method, Task
 
 
 def isolated(make: Callable[[], Method], limit_s: float) -> Method:
-    """The method that ``make`` builds, run in a child process and stopped after ``limit_s`` seconds.
+    """The method that ``make`` builds, run in a child process and stopped after ``limit_s``.
 
-    The child is started at the first call and reused; only a stop or a crash brings a new one. Building the
-    method does not count towards the limit.
+    The child is started at the first call and reused; only a stop or a crash brings a new one.
+    Building the method does not count towards the limit.
 
     Args:
         make: picklable, called in the child.
         limit_s: wall time that one call may take.
 
     Returns:
-        A method that raises TimeoutError past the limit, RuntimeError when the child dies, and whatever
-        exception the method itself raises.
+        A method that raises TimeoutError past the limit, RuntimeError when the child dies, and
+        whatever exception the method itself raises.
     """
     worker = _Worker(make)
 
@@ -61,7 +61,8 @@ class _Worker:
         return estimate
 
     def _start(self) -> Connection:
-        # spawn, not fork: a forked child inherits locks of thread pools that no longer have threads.
+        # spawn, not fork: a forked child inherits locks of thread pools that no longer have
+        # threads.
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(self._make, theirs), daemon=True)

@@ -38,8 +38,8 @@ def axis_errors_m(
 ) -> tuple[float, float, float]:
     """Mean over the source's points p of |T_estimated p - T_true p|, along each axis of the target.
 
-    This is the project's reading of the errors "along X, Y, Z" in the paper's Table 2, which does not
-    define them. Unlike a difference of translations it does not depend on where the origin is.
+    This is the project's reading of the errors "along X, Y, Z" in the paper's Table 2, which does
+    not define them. Unlike a difference of translations it does not depend on where the origin is.
 
     Args:
         T_estimated: (4, 4) ``T_target_source`` of a method.
@@ -51,15 +51,19 @@ def axis_errors_m(
     (3.0, 0.5, 0.0)
     """
     if len(source_m) == 0:
-        raise ValueError("axis errors are means over the source's points: got none, need at least one")
+        raise ValueError(
+            "axis errors are means over the source's points: got none, need at least one"
+        )
     difference = np.asarray(T_estimated, dtype=np.float64) - np.asarray(T_true, dtype=np.float64)
-    displacement_m = np.asarray(source_m, dtype=np.float64) @ difference[:3, :3].T + difference[:3, 3]
+    displacement_m = (
+        np.asarray(source_m, dtype=np.float64) @ difference[:3, :3].T + difference[:3, 3]
+    )
     x_m, y_m, z_m = np.abs(displacement_m).mean(axis=0)
     return float(x_m), float(y_m), float(z_m)
 
 
 def score_pose(T_estimated: FloatArray | None, pair: Pair) -> PoseScore:
-    """Score an estimate of ``pair.T_target_source``; None or a pose with NaN or inf is a failure."""
+    """Score an estimate of ``pair.T_target_source``; None, NaN or inf is a failure."""
     if T_estimated is None or not np.isfinite(T_estimated).all():
         return MISSING_POSE
     rotation_error_rad, translation_error_m = pose_error(T_estimated, pair.T_target_source)
@@ -68,7 +72,8 @@ def score_pose(T_estimated: FloatArray | None, pair: Pair) -> PoseScore:
         translation_error_m=translation_error_m,
         axis_errors_m=axis_errors_m(T_estimated, pair.T_target_source, pair.source_m),
         success=bool(
-            rotation_error_rad < pair.success_rotation_rad and translation_error_m < pair.success_translation_m
+            rotation_error_rad < pair.success_rotation_rad
+            and translation_error_m < pair.success_translation_m
         ),
     )
 
@@ -88,7 +93,9 @@ def wilson_interval(successes: int, pairs: int) -> tuple[float, float]:
     (0.912, 1.0)
     """
     if not 0 <= successes <= pairs or pairs == 0:
-        raise ValueError(f"expected 0 <= successes <= pairs and pairs > 0, got {successes} of {pairs}")
+        raise ValueError(
+            f"expected 0 <= successes <= pairs and pairs > 0, got {successes} of {pairs}"
+        )
     z = 1.959964
     share = successes / pairs
     middle = (share + z**2 / (2 * pairs)) / (1 + z**2 / pairs)

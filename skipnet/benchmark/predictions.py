@@ -64,7 +64,11 @@ def read_predictions(path: Path) -> list[Prediction]:
     complete, _, cut_off = text.rpartition("\n")
     if cut_off:
         path.write_text(complete + "\n" if complete else "", encoding="utf-8")
-    return [_parse(line, path, number) for number, line in enumerate(complete.split("\n"), start=1) if line]
+    return [
+        _parse(line, path, number)
+        for number, line in enumerate(complete.split("\n"), start=1)
+        if line
+    ]
 
 
 def _parse(line: str, path: Path, number: int) -> Prediction:

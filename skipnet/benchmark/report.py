@@ -1,4 +1,4 @@
-"""What a run leaves for people: scores.csv, summary.json, report.md, report.html, figures, TensorBoard."""
+"""What a run leaves for people: scores, summary, report.md and .html, figures, TensorBoard."""
 
 from __future__ import annotations
 
@@ -65,13 +65,19 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
         "rows": entries,
     }
     write_scores(results.rows, folder / "scores.csv")
-    (folder / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
+    (folder / "summary.json").write_text(
+        json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8"
+    )
     tables = make_tables(results, entries)
     figures = draw_figures(results.rows, entries, results.labels)
-    figures += draw_extremes(next(iter(results.labels)), results.rows, results.predictions, results.pair_set)
+    figures += draw_extremes(
+        next(iter(results.labels)), results.rows, results.predictions, results.pair_set
+    )
     pictures = write_figures(figures, folder / "figures")
     (folder / "report.md").write_text(markdown(summary, tables, figures), encoding="utf-8")
-    (folder / "report.html").write_text(html_page(summary, tables, figures, pictures), encoding="utf-8")
+    (folder / "report.html").write_text(
+        html_page(summary, tables, figures, pictures), encoding="utf-8"
+    )
     write_dashboard(results, entries, tables, pictures, folder / "tensorboard")
     return summary
 
@@ -108,7 +114,9 @@ def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:
     of = {(entry["method"], entry["stage"]): entry["median"] for entry in entries}
     if not {("skipnet", "coarse"), ("skipnet", "fine"), ("icp", "fine")} <= set(of):
         return []
-    coarse, fine, icp = (of[key] for key in (("skipnet", "coarse"), ("skipnet", "fine"), ("icp", "fine")))
+    coarse, fine, icp = (
+        of[key] for key in (("skipnet", "coarse"), ("skipnet", "fine"), ("icp", "fine"))
+    )
     if None in (coarse["time_s"], fine["time_s"], fine["mean_error_mm"], icp["mean_error_mm"]):
         return []
     times = icp["time_s"] / (coarse["time_s"] + fine["time_s"])
@@ -135,7 +143,9 @@ def write_figures(figures: Sequence[ReportFigure], folder: Path) -> dict[str, by
     return pictures
 
 
-def markdown(summary: dict[str, Any], tables: Sequence[Table], figures: Sequence[ReportFigure]) -> str:
+def markdown(
+    summary: dict[str, Any], tables: Sequence[Table], figures: Sequence[ReportFigure]
+) -> str:
     """report.md; its pictures are the files in figures/."""
     about = [f"- {name}: {value}" for name, value in summary["about"].items()]
     lines = [f"# {_title(summary)}", "", *about, "", *summary["comparison"], ""]

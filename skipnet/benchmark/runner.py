@@ -1,7 +1,8 @@
 """The run: every method answers every pair once, then the answers are scored and reported.
 
-Predictions go to ``predictions.jsonl`` as they come. A run in the same folder again predicts only what is
-missing, so a killed run goes on where it stopped and a finished one takes further pairs or methods.
+Predictions go to ``predictions.jsonl`` as they come. A run in the same folder again predicts only
+what is missing, so a killed run goes on where it stopped and a finished one takes further pairs or
+methods.
 """
 
 from __future__ import annotations
@@ -76,9 +77,8 @@ def describe(config: EvaluateConfig) -> dict[str, str]:
     about = {"benchmark": config.benchmark, "methods": ", ".join(config.methods)}
     if config.dataset is DatasetKind.folder:
         about["pairs from"] = f"{config.data} ({', '.join(config.sets) or 'all sets'})"
-        about["sources moved by"] = (
-            f"{'a random rotation' if config.turn else 'no rotation'}, a shift of {config.shift_m:g} m"
-        )
+        rotation = "a random rotation" if config.turn else "no rotation"
+        about["sources moved by"] = f"{rotation}, a shift of {config.shift_m:g} m"
     else:
         about["pairs from"] = f"{config.pairs} simulated scenes of family {config.family}"
         about["scanner"] = f"{config.scanner}, rotation {config.rotation}"
@@ -91,7 +91,9 @@ def describe(config: EvaluateConfig) -> dict[str, str]:
 def make_pair_set(config: EvaluateConfig) -> PairSet:
     """The pairs that the config asks for."""
     if config.dataset is DatasetKind.folder:
-        return folder_pairs(str(config.data), list(config.sets), config.turn, config.shift_m, config.seed)
+        return folder_pairs(
+            str(config.data), list(config.sets), config.turn, config.shift_m, config.seed
+        )
     return simulated_pairs(
         config.family, config.pairs, config.seed, config.scanner, config.rotation, config.points
     )
@@ -122,7 +124,8 @@ def settings_hash(config: EvaluateConfig, method: str) -> str:
     Not of how many pairs there are, nor of the other methods: a run can be extended by both.
     """
     if config.dataset is DatasetKind.folder:
-        pairs = ["folder", str(config.data), config.turn, config.shift_m, config.seed]
+        folder = Path(str(config.data)).resolve()
+        pairs = ["folder", str(folder), config.turn, config.shift_m, config.seed]
     else:
         pairs = ["simulated", config.scanner, config.rotation, config.points]
     chain = [asdict(config.variants[method])]
@@ -172,19 +175,22 @@ def predict(
 
 
 def answer(contestant: Contestant, pair: Pair, start: Prediction | None = None) -> Prediction:
-    """One contestant's answer to one pair; an exception becomes a failed prediction with its reason.
+    """One contestant's answer to one pair; an exception becomes a failure with its reason.
 
     Args:
         contestant: the method.
         pair: of which the method sees all but the truth.
-        start: the prediction whose coarse pose the method starts from; needed if it has ``start_from``.
+        start: the prediction whose coarse pose the method starts from; needed if it has
+            ``start_from``.
     """
     failed = Prediction(pair.name, contestant.name, contestant.settings_hash, time_s=0.0)
     task = Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
     if contestant.start_from:
         T_start = start.pose("coarse") if start is not None else None
         if T_start is None:
-            return replace(failed, error=f"{contestant.start_from} gave no coarse pose to start from")
+            return replace(
+                failed, error=f"{contestant.start_from} gave no coarse pose to start from"
+            )
         task = replace(task, T_target_source_start=T_start)
     started = time.perf_counter()
     try:

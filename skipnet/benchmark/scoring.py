@@ -63,7 +63,8 @@ def score_predictions(
     """One row per pair, method and stage that the method has, in the order of the pairs.
 
     Raises:
-        ValueError: if a method has no prediction for a pair; rates over fewer pairs would flatter it.
+        ValueError: if a method has no prediction for a pair; rates over fewer pairs would flatter
+            it.
     """
     of = {(prediction.pair, prediction.method): prediction for prediction in predictions}
     missing = [(p, m) for p in pair_set.names for m in methods if (p, m) not in of]
@@ -122,8 +123,8 @@ def write_scores(rows: Sequence[ScoreRow], path: Path) -> None:
 def summarise(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[dict[str, Any]]:
     """One entry per method and stage, in order of appearance.
 
-    Rates and medians are over all pairs, a missing pose counting as a failure with infinite errors (a median
-    that is infinite is None). Means are over the pairs with a pose, ``poses`` of them.
+    Rates and medians are over all pairs, a missing pose counting as a failure with infinite errors
+    (a median that is infinite is None). Means are over the pairs with a pose, ``poses`` of them.
     """
     keys = list(dict.fromkeys((row.method, row.stage) for row in rows))
     both = {method for method, stage in keys if stage == "coarse"}

@@ -81,12 +81,15 @@ def table_2(summary: Sequence[dict[str, Any]], with_paper: bool) -> Table:
         if with_paper and paper is not None:
             rows.append(("in the paper", "1 pair", *_measures(entry, paper)))
     note = (
-        "Medians over all pairs, column by column; a pair without an answer has infinite errors. X, Y, Z: "
-        "mean over the source's points p of |T_estimated p - T_true p| along that axis of the target's frame; "
-        "mean: of the three. The time of a row is that of its own stage: fine comes on top of coarse."
+        "Medians over all pairs, column by column; a pair without an answer has infinite errors. "
+        "X, Y, Z: mean over the source's points p of |T_estimated p - T_true p| along that axis of "
+        "the target's frame; mean: of the three. The time of a row is that of its own stage: fine "
+        "comes on top of coarse."
     )
     headers = ("", "success", *TABLE_2_COLUMNS.values())
-    return Table("Time and error of each stage, as in Table 2 of the paper", headers, tuple(rows), note)
+    return Table(
+        "Time and error of each stage, as in Table 2 of the paper", headers, tuple(rows), note
+    )
 
 
 def means_table(summary: Sequence[dict[str, Any]]) -> Table:
@@ -101,7 +104,7 @@ def means_table(summary: Sequence[dict[str, Any]]) -> Table:
         for entry in summary
     )
     headers = ("", "poses", *TABLE_2_COLUMNS.values(), "largest (mm)")
-    note = "Means over the pairs that got a pose; largest: the worst pair's mean error (– if one has no pose)."
+    note = "Means over the pairs with a pose; largest: the worst pair (– if one has no pose)."
     return Table("Means instead of medians", headers, rows, note)
 
 
@@ -119,7 +122,9 @@ def stages_table(summary: Sequence[dict[str, Any]], labels: dict[str, str]) -> T
         rows.append(tuple(cells))
     measures = ("success", "mean (mm)", "rotation (deg)", "time (s)")
     headers = ("", *(f"{stage} {name}" for stage in ("coarse", "fine") for name in measures))
-    note = "Errors and times are medians over all pairs. Both stages are held to the same thresholds."
+    note = (
+        "Errors and times are medians over all pairs. Both stages are held to the same thresholds."
+    )
     return Table("Coarse and fine side by side", headers, tuple(rows), note)
 
 
@@ -148,7 +153,10 @@ def verdict_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
             said = [row for row in final if row.status == status and not row.error]
             cells.append(_right_of(said))
         lines.append((labels[method], *cells, str(sum(bool(row.error) for row in final))))
-    note = "Right answers among those with that status. A method without a verdict of its own says registered."
+    note = (
+        "Right answers among those with that status. "
+        "A method without a verdict of its own says registered."
+    )
     return Table("What the methods said", ("", *STATUSES, "no answer"), tuple(lines), note)
 
 
@@ -191,7 +199,9 @@ def pairs_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
         )
         for row in rows
     )
-    columns = [TABLE_2_COLUMNS[name] for name in ("time_s", "x_error_mm", "y_error_mm", "z_error_mm")]
+    columns = [
+        TABLE_2_COLUMNS[name] for name in ("time_s", "x_error_mm", "y_error_mm", "z_error_mm")
+    ]
     headers = ("pair", "", "success", *columns, "mean (mm)", "rotation (deg)")
     return Table("Every pair", headers, lines, folded=True)
 

@@ -1,7 +1,8 @@
 """Registration methods behind one call: ``Task -> Estimate``.
 
-Each adapter module has a ``make(**options) -> Method``. It imports its package there, not at the top, so
-that a missing one stops with the pip command, and so that imports never count in a method's time.
+Each adapter module has a ``make(**options) -> Method``. It imports its package there, not at the
+top, so that a missing one stops with the pip command, and so that imports never count in a method's
+time.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ ADAPTERS = ("skipnet", "icp", "open3d", "kiss_matcher", "small_gicp")
 MODULE_OF_ADAPTER = {"skipnet": "ours"}
 
 STAGES = ("map", "transform", "fine")
-"""The paper's split of the time: voxels and map (all that prepares), the coarse transform, the fine match."""
+"""The paper's split of the time: voxels and map (all preparation), coarse transform, fine match."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ def require(package: str, pip_name: str) -> ModuleType:
         return importlib.import_module(package)
     except ImportError as error:
         raise ImportError(
-            f"this method needs the package {package} ({error}); install it with: pip install {pip_name}"
+            f"this method needs the package {package} ({error}); "
+            f"install it with: pip install {pip_name}"
         ) from error
 
 

@@ -16,11 +16,11 @@ def make(
     max_iterations: int = 100,
     tolerance: float = 1e-6,
 ) -> Method:
-    """Point-to-point ICP (Besl and McKay 1992) from ``T_target_source_start``, identity unless told.
+    """Point-to-point ICP (Besl and McKay 1992) from ``T_target_source_start``.
 
     Args:
-        max_distance_m: correspondences farther apart are dropped; None keeps every nearest neighbour, as
-            the original algorithm does.
+        max_distance_m: correspondences farther apart are dropped; None keeps every nearest
+            neighbour, as the original algorithm does.
         max_iterations: upper bound of the iterations.
         tolerance: it stops when fitness and inlier RMSE both change by less than this share.
     """
@@ -53,4 +53,6 @@ def to_cloud(points_m: FloatArray) -> Any:
     """An Open3D point cloud of (N, 3) points."""
     import open3d as o3d
 
-    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points_m, dtype=np.float64)))
+    return o3d.geometry.PointCloud(
+        o3d.utility.Vector3dVector(np.ascontiguousarray(points_m, dtype=np.float64))
+    )

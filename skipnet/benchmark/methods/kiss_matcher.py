@@ -22,7 +22,9 @@ def make(voxel_size_m: float = 0.15, fine_voxel_size_m: float | None = None) -> 
         fine_voxel_size_m: voxel size of GICP; None takes half of ``voxel_size_m``.
     """
     if voxel_size_m < SMALLEST_VOXEL_M:
-        raise ValueError(f"voxel_size_m={voxel_size_m}: KISS-Matcher needs at least {SMALLEST_VOXEL_M} m")
+        raise ValueError(
+            f"voxel_size_m={voxel_size_m}: KISS-Matcher needs at least {SMALLEST_VOXEL_M} m"
+        )
     kiss_matcher = require("kiss_matcher", "kiss-matcher")
     small_gicp = require("small_gicp", "small_gicp")
     fine_m = voxel_size_m / 2 if fine_voxel_size_m is None else fine_voxel_size_m

@@ -18,10 +18,13 @@ ICP_DISTANCE_VOXELS = 0.4
 """Multiples of the voxel size as in the tutorial."""
 
 
-def make(voxel_size_m: float = 0.15, max_iterations: int = 100_000, confidence: float = 0.999) -> Method:
+def make(
+    voxel_size_m: float = 0.15, max_iterations: int = 100_000, confidence: float = 0.999
+) -> Method:
     """FPFH (Rusu 2009) on voxels, RANSAC over feature matches, point-to-plane ICP.
 
-    Open3D's RANSAC is not deterministic, not even with a seed: figures vary a little from run to run.
+    Open3D's RANSAC is not deterministic, not even with a seed: figures vary a little from run to
+    run.
 
     Args:
         voxel_size_m: size of the voxels; every other length follows from it.
@@ -33,10 +36,16 @@ def make(voxel_size_m: float = 0.15, max_iterations: int = 100_000, confidence: 
 
     def run(task: Task) -> Estimate:
         started = time.perf_counter()
-        source, source_features = _describe(o3d, task.source_m, task.source_viewpoint_m, voxel_size_m)
-        target, target_features = _describe(o3d, task.target_m, task.target_viewpoint_m, voxel_size_m)
+        source, source_features = _describe(
+            o3d, task.source_m, task.source_viewpoint_m, voxel_size_m
+        )
+        target, target_features = _describe(
+            o3d, task.target_m, task.target_viewpoint_m, voxel_size_m
+        )
         described = time.perf_counter()
-        T_coarse = _ransac(o3d, source, target, source_features, target_features, voxel_size_m, criteria)
+        T_coarse = _ransac(
+            o3d, source, target, source_features, target_features, voxel_size_m, criteria
+        )
         matched = time.perf_counter()
         T_fine = _refine(o3d, source, target, T_coarse, ICP_DISTANCE_VOXELS * voxel_size_m)
         return Estimate(

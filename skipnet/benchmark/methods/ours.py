@@ -10,13 +10,14 @@ from skipnet.types import Registration
 
 TRANSFORM_STAGES = ("hypotheses", "verification")
 FINE_STAGES = ("fine alignment",)
-"""Stages of ``Registration.timings_s`` in the paper's split; every other one prepares: voxels and map."""
+"""Stages of ``Registration.timings_s`` in the paper's split; the others make voxels and map."""
 
 
 def make(voxel_size_m: float | None = None, seed: int = 0, **options: Any) -> Method:
-    """skipnet's registration; what its own classifier needs is loaded here, before any pair is timed.
+    """skipnet's registration; its modules are imported here, before any pair is timed.
 
-    It is given what ``register.py`` would have: the clouds alone. Where the sensors stood it must find out.
+    It is given what ``register.py`` would have: the clouds alone. Where the sensors stood it must
+    find out.
 
     Args:
         voxel_size_m: None chooses it from the data.
@@ -37,7 +38,9 @@ def make(voxel_size_m: float | None = None, seed: int = 0, **options: Any) -> Me
 
     def run(task: Task) -> Estimate:
         started = time.perf_counter()
-        result = register(task.source_m, task.target_m, voxel_size_m=voxel_size_m, seed=seed, config=config)
+        result = register(
+            task.source_m, task.target_m, voxel_size_m=voxel_size_m, seed=seed, config=config
+        )
         return _estimate(result, time.perf_counter() - started)
 
     return run
@@ -49,7 +52,8 @@ def _estimate(result: Registration, time_s: float) -> Estimate:
     return Estimate(
         T_target_source=result.T_target_source,
         T_target_source_coarse=result.T_target_source_coarse,
-        # Whatever is neither the transform nor the fine match prepares them: all that is left of the call.
+        # Whatever is neither the transform nor the fine match prepares them: all that is left of
+        # the call.
         stage_s={"map": time_s - transform_s - fine_s, "transform": transform_s, "fine": fine_s},
         status=result.status,
         confidence=result.confidence,
