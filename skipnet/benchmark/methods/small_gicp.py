@@ -34,7 +34,7 @@ def make(voxel_size_m: float = 0.25, threads: int = 1) -> Method:
 def refine(
     small_gicp: Any, task: Task, T_start: FloatArray, voxel_size_m: float, threads: int
 ) -> FloatArray:
-    """The (4, 4) pose that GICP reaches from ``T_start``; its ``converged`` is not to be trusted."""
+    """The (4, 4) pose that GICP reaches from ``T_start``; its ``converged`` proves nothing."""
     result = small_gicp.align(
         np.asarray(task.target_m, dtype=np.float64),
         np.asarray(task.source_m, dtype=np.float64),
