@@ -1,7 +1,8 @@
 """What the three scripts share: a Hydra task whose user errors are one clear line, not a traceback.
 
-Hydra composes ``configs/NAME.yaml`` with the overrides of the command line. Keys are checked against the
-schema *before* that, because Hydra lets ``+key`` pass silently and answers a misspelt one with a page.
+Hydra composes ``configs/NAME.yaml`` with the overrides of the command line. Keys are checked
+against the schema *before* that, because Hydra lets ``+key`` pass silently and answers a misspelt
+one with a page.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ def run(
     """Run ``task`` on the configuration that the command line describes.
 
     Args:
-        name: of the script; its Hydra config is ``config_dir/NAME.yaml``, which lists ``NAME_schema``
-            first in its defaults.
+        name: of the script; its Hydra config is ``config_dir/NAME.yaml``, which lists
+            ``NAME_schema`` first in its defaults.
         schema: dataclass of the options; made anew from the composed values, so that its
             ``__post_init__`` checks the ranges.
         task: one library function behind a thin wrapper.
@@ -53,9 +54,9 @@ def run(
         arguments: overrides and Hydra flags; default: those of the process.
 
     Returns:
-        The exit code: 2 for bad input, after one line on stderr; otherwise ``exit_code(result)``, and the
-        highest of them after a sweep (``--multirun``), whose runs get a folder each, numbered from 0, as
-        their ``output_dir``.
+        The exit code: 2 for bad input, after one line on stderr; otherwise ``exit_code(result)``,
+        and the highest of them after a sweep (``--multirun``), whose runs get a folder each,
+        numbered from 0, as their ``output_dir``.
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -69,7 +70,7 @@ def run(
 
 
 def is_user_error(error: BaseException) -> bool:
-    """Whether the user can mend this: bad values and files, missing packages, Hydra's complaints."""
+    """Whether the user can mend this: bad values, files, packages, options."""
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
@@ -79,7 +80,7 @@ def is_user_error(error: BaseException) -> bool:
 
 
 def one_line(error: BaseException) -> str:
-    """The error's message without line breaks; an OSError names its file, Hydra's errors their cause.
+    """The error's message without line breaks; OSErrors name their file, Hydra's their cause.
 
     >>> one_line(ValueError("too few points:\\n  got 2"))
     'too few points: got 2'
@@ -96,7 +97,7 @@ def one_line(error: BaseException) -> str:
 
 
 def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) -> None:
-    """Raise a ValueError for the first override that names no option, with the nearest one that exists.
+    """Raise a ValueError for the first override that names no option, with the nearest that exists.
 
     Hydra's own options (``hydra.*``, ``hydra/*``) and flags (``--help``) are left to Hydra.
     """
@@ -111,7 +112,7 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
             override = parser.parse_override(argument)
         except Exception as error:
             raise ValueError(
-                f"cannot read {argument!r}: a value with any of ()[]{{}}=,: needs quotes inside quotes, "
+                f"cannot read {argument!r}: a value with ()[]{{}}=,: in it needs quotes in quotes, "
                 f"'key=\"value\"'"
             ) from error
         key = override.key_or_group
@@ -119,7 +120,9 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
             continue
         _check_key(key, schema, config_dir)
         if override.is_delete():
-            raise ValueError(f"{argument}: an option cannot be removed; leave it out, or give it a value")
+            raise ValueError(
+                f"{argument}: an option cannot be removed; leave it out, or give it a value"
+            )
 
 
 def _check_key(key: str, schema: type, config_dir: Path) -> None:
@@ -130,12 +133,14 @@ def _check_key(key: str, schema: type, config_dir: Path) -> None:
     if key in options or key in groups or any(options.get(parent) == "open" for parent in parents):
         return
     near = difflib.get_close_matches(key, [*options, *groups], n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]}?" if near else "the options are " + ", ".join([*options, *groups])
+    hint = (
+        f"did you mean {near[0]}?" if near else "the options are " + ", ".join([*options, *groups])
+    )
     raise ValueError(f"no such option: {key}; {hint}")
 
 
 def _options(schema: type, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Every dotted option of a schema, and whether it is a "leaf", a "section" or "open" to any key."""
+    """Every dotted option, and whether it is a "leaf", a "section" or "open" to any key."""
     hints = get_type_hints(schema)
     for field in fields(schema):
         kind = hints[field.name]
@@ -177,7 +182,9 @@ def _run_hydra(
                 raise
             outcome.append(error)
 
-    decorate = hydra.main(version_base="1.3", config_path=str(config_dir.resolve()), config_name=name)
+    decorate = hydra.main(
+        version_base="1.3", config_path=str(config_dir.resolve()), config_name=name
+    )
     with _hydra_raises(arguments):
         decorate(job)()
     for result in outcome:
@@ -188,7 +195,7 @@ def _run_hydra(
 
 @contextmanager
 def _hydra_raises(arguments: list[str]) -> Iterator[None]:
-    """Hydra reads ``sys.argv``, and prints errors and exits unless HYDRA_FULL_ERROR=1: set both, restore."""
+    """Set what Hydra reads: ``sys.argv``, and HYDRA_FULL_ERROR=1 so that it raises errors."""
     saved_arguments, saved_environment = sys.argv, dict(os.environ)
     sys.argv = [sys.argv[0], *arguments]
     os.environ[FULL_ERROR] = "1"

@@ -1,7 +1,7 @@
-"""Every option of every script, with its default, unit and range: the schemas Hydra checks against.
+"""Every option of every script, with default, unit and range: the schemas Hydra checks against.
 
-A range is checked when the dataclass is made, so a bad value fails before any work is done. Algorithms
-never see these classes: they take plain arrays and scalars.
+A range is checked when the dataclass is made, so a bad value fails before any work is done.
+Algorithms never see these classes: they take plain arrays and scalars.
 """
 
 from __future__ import annotations
@@ -72,7 +72,8 @@ class RegistrationConfig:
     def __post_init__(self) -> None:
         require(bool(self.generators), "generators", self.generators, "at least one generator")
         require(self.violation_weight >= 0, "violation_weight", self.violation_weight, "0 or more")
-        require(self.denoise_neighbours >= 1, "denoise_neighbours", self.denoise_neighbours, "1 or more")
+        neighbours = self.denoise_neighbours
+        require(neighbours >= 1, "denoise_neighbours", neighbours, "1 or more")
 
 
 # --- register.py ----------------------------------------------------------------------------------
@@ -80,7 +81,7 @@ class RegistrationConfig:
 
 @dataclass
 class RegisterConfig:
-    """Options of ``register.py``: a pair (source, target), many scans, or neither: a simulated pair."""
+    """Options of ``register.py``: two scans, many scans, or none: a simulated pair."""
 
     source: str | None = None
     """The scan to move (.ply .pcd .xyz .txt .csv .npy .npz .las .laz .e57), in metres."""
@@ -91,9 +92,9 @@ class RegisterConfig:
     output_dir: str = "runs/register"
     """Where the results are written, relative to where the user stands; made when missing."""
     source_viewpoint: Any = "auto"
-    """Sensor position in the source's frame: auto (find out), null (unknown) or [x,y,z] in metres."""
+    """Sensor position in the source's frame: auto (find out), null (unknown) or [x,y,z] in m."""
     target_viewpoint: Any = "auto"
-    """Sensor position in the target's frame: auto (find out), null (unknown) or [x,y,z] in metres."""
+    """Sensor position in the target's frame: auto (find out), null (unknown) or [x,y,z] in m."""
     voxel_size_m: float | None = None
     """Voxel edge length in metres; null chooses it from the data."""
     seed: int = 0
@@ -114,7 +115,7 @@ class RegisterConfig:
             given = "source" if self.target is None else "target"
             raise ValueError(f"only {given} was given: give source=FILE and target=FILE together")
         if self.scans and self.source is not None:
-            raise ValueError("scans=[...] and source=/target= exclude each other: give one of the two")
+            raise ValueError("scans=[...] and source=/target= exclude each other: give only one")
         require(len(self.scans) != 1, "scans", self.scans, "at least two files")
         require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
 
@@ -149,7 +150,7 @@ class VariantConfig:
     label: str = ""
     """Its name in tables and figures; empty takes the key under which it stands."""
     start_from: str = ""
-    """Start at the coarse pose of this other method; empty starts at identity. For local methods."""
+    """For local methods: start at this one's coarse pose; empty starts at identity."""
     options: dict[str, Any] = field(default_factory=dict)
     """Options of the adapter; of skipnet: any field of the registration's config."""
 
@@ -159,7 +160,7 @@ def standard_variants() -> dict[str, VariantConfig]:
     return {
         "skipnet": VariantConfig("skipnet", "skipnet"),
         "icp": VariantConfig("icp", "ICP directly"),
-        # Unlimited, what only one scan saw pulls even a right pose off by 0.2 m: give ICP a fair reach here.
+        # Unlimited, what only one scan saw pulls even a right pose off by 0.2 m: a fair reach.
         "icp_from_coarse": VariantConfig(
             "icp", "ICP from our coarse pose", "skipnet", {"max_distance_m": 0.1}
         ),
@@ -178,7 +179,7 @@ class EvaluateConfig:
     dataset: DatasetKind = DatasetKind.simulated
     """Simulated rooms, or a folder of real scans with a pairs.json."""
     seed: int = 0
-    """Simulated: seed of the first pair (pair i has seed + i). Folder: seed of the random motions."""
+    """Simulated: seed of the first pair (pair i has seed + i). Folder: of the random motions."""
     family: str = "paper_room"
     """Simulated: family of scenes."""
     pairs: int = 40
@@ -202,7 +203,7 @@ class EvaluateConfig:
     variants: dict[str, VariantConfig] = field(default_factory=standard_variants)
     """Every method that can be chosen."""
     time_limit_s: float | None = None
-    """A method that takes longer on one pair is stopped and has failed there; null never stops it."""
+    """A method that takes longer on a pair is stopped and has failed there; null never stops."""
     output_dir: str = "runs/evaluate"
     """Folder of this run, relative to where the user stands; give an earlier one to resume it."""
 

@@ -26,7 +26,8 @@ def noisy_plane():
 @pytest.mark.parametrize(("neighbours", "sigma"), [(4, 1.0), (1, 0.5), (10, 2.0), (4, 0.0)])
 def test_denoise_equals_brute_force(noisy_plane, neighbours, sigma):
     np.testing.assert_array_equal(
-        denoise(noisy_plane, neighbours, sigma), denoise_by_brute_force(noisy_plane, neighbours, sigma)
+        denoise(noisy_plane, neighbours, sigma),
+        denoise_by_brute_force(noisy_plane, neighbours, sigma),
     )
 
 
@@ -38,7 +39,9 @@ def test_denoise_drops_stray_points_and_keeps_the_plane(noisy_plane):
 
 def test_denoise_ignores_the_frame_and_follows_the_order(noisy_plane):
     rng = np.random.default_rng(0)
-    moved = transform_points(make_transform(random_rotation(rng), np.array([50.0, -20, 3])), noisy_plane)
+    moved = transform_points(
+        make_transform(random_rotation(rng), np.array([50.0, -20, 3])), noisy_plane
+    )
     shuffle = rng.permutation(len(noisy_plane))
     np.testing.assert_array_equal(denoise(moved), denoise(noisy_plane))
     np.testing.assert_array_equal(denoise(noisy_plane[shuffle]), denoise(noisy_plane)[shuffle])

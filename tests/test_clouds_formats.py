@@ -1,4 +1,4 @@
-"""Every format is written by an independent writer and read back; every broken file says what is wrong."""
+"""Each format is written by an independent writer and read back; broken files say what is wrong."""
 
 from __future__ import annotations
 
@@ -36,12 +36,17 @@ def test_reads_what_open3d_writes(tmp_path, points, extension, options):
 
 def test_reads_a_hand_written_big_endian_ply_with_other_elements_and_columns(tmp_path):
     header = (
-        b"ply\r\nformat binary_big_endian 1.0\r\ncomment by hand\r\nelement camera 1\r\nproperty int id\r\n"
+        b"ply\r\nformat binary_big_endian 1.0\r\ncomment by hand\r\n"
+        b"element camera 1\r\nproperty int id\r\n"
         b"element vertex 2\r\nproperty uchar red\r\n"
         b"property float x\r\nproperty float y\r\nproperty double z\r\n"
         b"element face 1\r\nproperty list uchar int vertex_indices\r\nend_header\r\n"
     )
-    body = struct.pack(">i", 7) + struct.pack(">Bffd", 255, 1, 2, 3) + struct.pack(">Bffd", 0, -1, -2, -3)
+    body = (
+        struct.pack(">i", 7)
+        + struct.pack(">Bffd", 255, 1, 2, 3)
+        + struct.pack(">Bffd", 0, -1, -2, -3)
+    )
     path = tmp_path / "big.ply"
     path.write_bytes(header + body + struct.pack(">Biii", 3, 0, 1, 0))
     np.testing.assert_array_equal(read_points(path), [[1, 2, 3], [-1, -2, -3]])
@@ -107,7 +112,9 @@ def test_reads_all_scans_of_an_e57_in_one_frame(tmp_path, points):
     file.write_scan_raw(columns)
     file.write_scan_raw(columns, translation=np.array([100.0, 0, 0]))
     file.close()
-    np.testing.assert_allclose(read_points(path), np.concatenate([points, points + [100, 0, 0]]), atol=1e-9)
+    np.testing.assert_allclose(
+        read_points(path), np.concatenate([points, points + [100, 0, 0]]), atol=1e-9
+    )
     path.write_bytes(path.read_bytes()[:600])
     with pytest.raises(ValueError, match="truncated"):
         read_points(path)
@@ -131,11 +138,15 @@ BROKEN = {
     "empty.ply": (b"", "is empty"),
     "noise.ply": (b"\x89PNG\r\n\x1a\n" + bytes(100), "not a PLY"),
     "header.ply": (PLY + b"element vertex 3\n", "header never ends"),
-    "format.ply": (b"ply\nformat ascii_art 1.0\nelement vertex 1\nend_header\n1 2 3\n", "unknown PLY format"),
+    "format.ply": (
+        b"ply\nformat ascii_art 1.0\nelement vertex 1\nend_header\n1 2 3\n",
+        "unknown PLY format",
+    ),
     "mesh.ply": (PLY + b"element face 0\nproperty int a\nend_header\n", "no vertices"),
     "flat.ply": (PLY + b"element vertex 1\nproperty float x\nend_header\n1\n", "lack x, y or z"),
     "none.ply": (
-        PLY + b"element vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
+        PLY
+        + b"element vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
         "holds no points",
     ),
     "noise.pcd": (b"hello\n", "not a PCD"),
@@ -200,7 +211,9 @@ def test_a_missing_package_is_named_with_its_pip_command(tmp_path, monkeypatch):
 
 def test_the_supported_extensions_are_those_of_the_readers():
     assert set(SUPPORTED) == set(formats._READERS)
-    assert {".ply", ".pcd", ".xyz", ".txt", ".csv", ".npy", ".npz", ".las", ".laz", ".e57"} == set(SUPPORTED)
+    assert {".ply", ".pcd", ".xyz", ".txt", ".csv", ".npy", ".npz", ".las", ".laz", ".e57"} == set(
+        SUPPORTED
+    )
 
 
 def test_a_failed_write_leaves_the_old_file_alone(tmp_path):

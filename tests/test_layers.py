@@ -24,14 +24,20 @@ def test_a_forbidden_import_would_be_noticed(tmp_path):
     """The contract itself is tested: a copy of the project with one upward import must break it."""
     import shutil
 
-    shutil.copytree(ROOT / "skipnet", tmp_path / "skipnet", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "skipnet", tmp_path / "skipnet", ignore=shutil.ignore_patterns("__pycache__")
+    )
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     with open(tmp_path / "skipnet" / "geometry.py", "a") as file:
         file.write("\nimport skipnet.clouds.formats\n")
-    script = "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    script = (
+        "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    )
     run = subprocess.run(
         [sys.executable, "-P", "-c", f"import sys; sys.path.insert(0, '.'); {script}"],
-        cwd=tmp_path, capture_output=True, text=True,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
     )
     assert run.returncode == 1
     assert "skipnet.geometry is not allowed to import skipnet.clouds" in run.stdout
@@ -39,7 +45,9 @@ def test_a_forbidden_import_would_be_noticed(tmp_path):
 
 def test_importing_skipnet_loads_nothing_heavy():
     script = "import sys, skipnet; print(' '.join(sys.modules))"
-    run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert not {"numpy", "torch", "open3d", "scipy", "matplotlib"} & set(run.stdout.split())
 
 

@@ -1,7 +1,8 @@
 """Every command and snippet of the README works as it stands there.
 
-Runs of register.py are tested in test_register_cli.py, those of the other scripts in their own tests; here
-each command line is composed as written (``--cfg job``), so that no option in the README is ever stale.
+Runs of register.py are tested in test_register_cli.py, those of the other scripts in their own
+tests; here each command line is composed as written (``--cfg job``), so that no option in the
+README is ever stale.
 """
 
 from __future__ import annotations

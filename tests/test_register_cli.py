@@ -37,7 +37,9 @@ def stand(tmp_path, pair):
 
 
 def test_two_files_come_out_registered_with_every_result(stand, pair):
-    run = register_py(stand, "source=scans/a.ply", "target=scans/b.npy", "output_dir=out/first", "seed=3")
+    run = register_py(
+        stand, "source=scans/a.ply", "target=scans/b.npy", "output_dir=out/first", "seed=3"
+    )
     assert (run.returncode, run.stderr) == (0, "")
     assert "registered" in run.stdout and "out/first/report.html" in run.stdout
     assert {path.name for path in (stand / "out" / "first").iterdir()} == PAIR_FILES
@@ -55,7 +57,9 @@ def test_two_files_come_out_registered_with_every_result(stand, pair):
     assert set(result["versions"]) == {"skipnet", "python", "numpy", "scipy", "torch", "open3d"}
 
     aligned_m = read_points(stand / "out" / "first" / "aligned.ply")
-    np.testing.assert_allclose(aligned_m, transform_points(T_target_source, pair.source_m), atol=1e-9)
+    np.testing.assert_allclose(
+        aligned_m, transform_points(T_target_source, pair.source_m), atol=1e-9
+    )
     assert (stand / "out" / "first" / "before_after.png").read_bytes().startswith(b"\x89PNG")
     page = (stand / "out" / "first" / "report.html").read_text()
     assert "http" not in page and ">registered<" in page and 'src="data:image/png;base64,' in page
@@ -67,7 +71,10 @@ def test_scans_of_nothing_in_common_exit_with_3_and_still_write_everything(tmp_p
         np.save(tmp_path / f"{name}.npy", rng.normal(size=(3000, 3)))
     run = register_py(tmp_path, "source=a.npy", "target=b.npy", "output_dir=out")
     assert (run.returncode, run.stderr) == (3, "")
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] in ("ambiguous", "failed")
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] in (
+        "ambiguous",
+        "failed",
+    )
     assert {path.name for path in (tmp_path / "out").iterdir()} == PAIR_FILES
 
 
@@ -131,7 +138,9 @@ def test_an_input_is_never_overwritten(stand):
     assert (stand / "out" / "aligned.ply").read_bytes() == before
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["sorce=a.ply"], ["source=nowhere.ply", "target=b.ply"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["sorce=a.ply"], ["source=nowhere.ply", "target=b.ply"]]
+)
 def test_help_and_errors_load_neither_torch_nor_open3d(tmp_path, arguments):
     run = register_py(tmp_path, *arguments, flags=["-X", "importtime"])
     loaded = {line.rsplit("|", 1)[-1].strip() for line in run.stderr.splitlines() if "|" in line}

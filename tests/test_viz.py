@@ -1,4 +1,4 @@
-"""Pictures show the right colours in the right places; pages are self-contained; events can be read back."""
+"""Pictures show the right colours, pages need nothing else, events can be read back."""
 
 from __future__ import annotations
 
@@ -76,7 +76,9 @@ def test_colours_of_values():
         [[12, 7, 134], [239, 248, 33], [239, 248, 33]],
     )
     colours = pictures.class_colours(np.array(list(FeatureClass)))
-    assert ["#" + bytes(row.tolist()).hex().upper() for row in colours] == list(pictures.CLASS_COLOURS.values())
+    assert ["#" + bytes(row.tolist()).hex().upper() for row in colours] == list(
+        pictures.CLASS_COLOURS.values()
+    )
 
 
 def test_confusion_matrix_says_recall_and_counts():
@@ -87,7 +89,9 @@ def test_confusion_matrix_says_recall_and_counts():
 
 def test_thinning_keeps_real_points_evenly_and_always_the_same():
     rng = np.random.default_rng(0)
-    dense = np.concatenate([rng.normal(0, 0.05, size=(90_000, 3)), rng.uniform(-5, 5, size=(20_000, 3))])
+    dense = np.concatenate(
+        [rng.normal(0, 0.05, size=(90_000, 3)), rng.uniform(-5, 5, size=(20_000, 3))]
+    )
     thinned = pictures.thin(dense, most=5000)
     assert len(thinned) == 5000
     assert len(np.unique(np.concatenate([dense, thinned]), axis=0)) == len(dense)
@@ -128,7 +132,11 @@ def test_a_page_is_well_formed_escaped_and_loads_nothing():
     )
     outline = Outline(text)
     assert outline.open == []
-    assert "A <title> & $more" in outline.text and "because 1 < 2" in outline.text and "<x>" in outline.text
+    assert (
+        "A <title> & $more" in outline.text
+        and "because 1 < 2" in outline.text
+        and "<x>" in outline.text
+    )
     assert "Confidence 26%" in outline.text
     sources = [value for name, value in outline.attributes if name in ("src", "href")]
     assert [base64.b64decode(source.split(",")[1]) for source in sources] == [png]
@@ -141,9 +149,13 @@ def test_events_can_be_read_back(tmp_path, square):
     with dashboard.open_dashboard(tmp_path) as writer:
         dashboard.log_scalars(writer, {"loss/train": 0.5, "loss/val": 0.25}, step=3)
         dashboard.log_hyperparameters(writer, {"lr": 0.01, "hidden": [50]}, {"hparam/f1": 0.9})
-        dashboard.log_confusion_matrix(writer, "confusion", np.array([[3, 1], [0, 4]]), ["edge", "plane"])
+        dashboard.log_confusion_matrix(
+            writer, "confusion", np.array([[3, 1], [0, 4]]), ["edge", "plane"]
+        )
         dashboard.log_skipmap_by_curvature(writer, "map/curvature", square, np.zeros(len(square)))
-        dashboard.log_skipmap_by_class(writer, "map/class", square, np.zeros(len(square), dtype=int))
+        dashboard.log_skipmap_by_class(
+            writer, "map/class", square, np.zeros(len(square), dtype=int)
+        )
 
     assert len(list(tmp_path.iterdir())) == 1
     events = EventAccumulator(str(tmp_path), size_guidance={"tensors": 0}).Reload()
@@ -151,6 +163,10 @@ def test_events_can_be_read_back(tmp_path, square):
     assert events.Scalars("confusion_recall/edge")[0].value == 0.75
     assert events.Scalars("hparam/f1")[0].value == pytest.approx(0.9)
     assert "confusion" in events.Tags()["images"]
-    assert {"map/curvature_VERTEX", "map/curvature_COLOR", "map/class_COLOR"} <= set(events.Tags()["tensors"])
-    plugins = set(events.summary_metadata[tag].plugin_data.plugin_name for tag in events.summary_metadata)
+    assert {"map/curvature_VERTEX", "map/curvature_COLOR", "map/class_COLOR"} <= set(
+        events.Tags()["tensors"]
+    )
+    plugins = set(
+        events.summary_metadata[tag].plugin_data.plugin_name for tag in events.summary_metadata
+    )
     assert {"mesh", "hparams"} <= plugins

@@ -11,9 +11,10 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path with the same suffix; move it to ``path`` when the block ends without error.
+    """Yield a temporary path with the same suffix; move it to ``path`` if the block succeeds.
 
-    The folder is made when missing. After an error the temporary file is gone and ``path`` is as it was.
+    The folder is made when missing. After an error the temporary file is gone
+    and ``path`` is as it was.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)

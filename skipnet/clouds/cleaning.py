@@ -23,11 +23,14 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         (N, 3) float64 points.
 
     Raises:
-        ValueError: wrong shape or kind, NaN or infinity, fewer points than a plane needs, or all on a line.
+        ValueError: wrong shape or kind, NaN or infinity, fewer points than a plane needs,
+            or all on a line.
     """
     array = np.asarray(points)
     if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError(f"{name}: got {array.dtype} of shape {array.shape}: expected numbers of shape (N, 3)")
+        raise ValueError(
+            f"{name}: got {array.dtype} of shape {array.shape}: expected numbers of shape (N, 3)"
+        )
     array = array.astype(np.float64, copy=False)
     finite = np.isfinite(array).all(axis=1)
     if not finite.all():
@@ -39,15 +42,18 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         raise ValueError(f"{name}: got {len(array)} points: a plane needs 3, a scan has thousands")
     spread_m = np.linalg.svd(np.cov((array - array.mean(axis=0)).T), compute_uv=False) ** 0.5
     if spread_m[1] <= _RELATIVE_SPREAD_OF_A_LINE * spread_m[0]:
-        raise ValueError(f"{name}: all {len(array)} points lie on one line or in one place: expected a surface")
+        raise ValueError(
+            f"{name}: all {len(array)} points lie on one line or in one place: expected a surface"
+        )
     return array
 
 
 def denoise(points_m: FloatArray, neighbours: int = 4, sigma: float = 1.0) -> BoolArray:
     """Which points to keep, by the rule of MATLAB's ``pcdenoise``.
 
-    A point goes when the mean distance to its nearest neighbours exceeds the mean of that figure over all
-    points by ``sigma`` of its standard deviations. The defaults are MATLAB's and the paper's.
+    A point goes when the mean distance to its nearest neighbours exceeds the mean of that figure
+    over all points by ``sigma`` of its standard deviations. The defaults are MATLAB's and the
+    paper's.
 
     Args:
         points_m: (N, 3) points, more than ``neighbours``.
@@ -61,9 +67,13 @@ def denoise(points_m: FloatArray, neighbours: int = 4, sigma: float = 1.0) -> Bo
         ValueError: too few points, or a ``neighbours`` or ``sigma`` below their range.
     """
     if neighbours < 1 or sigma < 0:
-        raise ValueError(f"got neighbours={neighbours}, sigma={sigma}: expected at least 1 and at least 0")
+        raise ValueError(
+            f"got neighbours={neighbours}, sigma={sigma}: expected at least 1 and at least 0"
+        )
     if len(points_m) <= neighbours:
-        raise ValueError(f"got {len(points_m)} points: {neighbours} neighbours need at least {neighbours + 1}")
+        raise ValueError(
+            f"got {len(points_m)} points: {neighbours} neighbours need at least {neighbours + 1}"
+        )
     distance_m = _mean_neighbour_distance_m(points_m, neighbours)
     return distance_m <= distance_m.mean() + sigma * distance_m.std(ddof=1)
 
@@ -84,7 +94,9 @@ def _mean_neighbour_distance_m(points_m: FloatArray, neighbours: int) -> FloatAr
 def _spatial_order(points_m: FloatArray) -> IntArray:
     """(N,) indices that sort points by the cells of a coarse grid."""
     low_m = points_m.min(axis=0)
-    cell_m = max(float(np.ptp(points_m, axis=0).max()), np.finfo(float).tiny) / _SORTING_CELLS_PER_AXIS
+    cell_m = (
+        max(float(np.ptp(points_m, axis=0).max()), np.finfo(float).tiny) / _SORTING_CELLS_PER_AXIS
+    )
     x, y, z = ((points_m - low_m) / cell_m).astype(np.int64).T
     stride = _SORTING_CELLS_PER_AXIS + 1
     return np.argsort((x * stride + y) * stride + z, kind="stable")

@@ -22,13 +22,15 @@ def read_points(path: str | os.PathLike[str]) -> FloatArray:
         path: of a file with one of the extensions in ``SUPPORTED``; coordinates in metres.
 
     Returns:
-        (N, 3) float64 points, N >= 1. Rows of NaN in PCD files, which stand for beams without a return,
-        are dropped and their number is logged; elsewhere NaN stays, for ``validate`` to refuse.
+        (N, 3) float64 points, N >= 1. Rows of NaN in PCD files, which stand for beams without a
+        return, are dropped and their number is logged; elsewhere NaN stays, for ``validate`` to
+        refuse.
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: unknown extension, or an empty, truncated or damaged file.
-        ModuleNotFoundError: the format needs an optional package; the message holds the pip command.
+        ModuleNotFoundError: the format needs an optional package; the message holds
+            the pip command.
     """
     path = Path(path)
     if not path.exists():
@@ -38,7 +40,8 @@ def read_points(path: str | os.PathLike[str]) -> FloatArray:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise ValueError(
-            f"{path}: unknown extension {path.suffix or '(none)'!r}: expected one of {', '.join(SUPPORTED)}"
+            f"{path}: unknown extension {path.suffix or '(none)'!r}: "
+            f"expected one of {', '.join(SUPPORTED)}"
         )
     if path.stat().st_size == 0:
         raise ValueError(f"{path}: the file is empty")
@@ -49,7 +52,7 @@ def read_points(path: str | os.PathLike[str]) -> FloatArray:
 
 
 def _read_text(path: Path) -> FloatArray:
-    """Columns split by blanks, commas or semicolons; a header line may say which ones are x, y and z."""
+    """Columns split by blanks, commas or semicolons; a header may say which are x, y, z."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
@@ -60,14 +63,18 @@ def _read_text(path: Path) -> FloatArray:
     delimiter = next((mark for mark in ";," if mark in rows[0]), None)
     columns = [0, 1, 2]
     if not _is_number(rows[0].split(delimiter)[0]):
-        columns = _header_columns([word.strip(' "').lower() for word in rows[0].split(delimiter)], path)
+        columns = _header_columns(
+            [word.strip(' "').lower() for word in rows[0].split(delimiter)], path
+        )
         rows = rows[1:]
     try:
         # Reading every column, not only three, lets NumPy notice a last line that was cut short.
         table = np.loadtxt(rows, delimiter=delimiter, ndmin=2) if rows else np.empty((0, 3))
         return table[:, columns]
     except (ValueError, IndexError) as error:
-        raise ValueError(f"{path}: expected lines of at least three numbers x y z: {error}") from error
+        raise ValueError(
+            f"{path}: expected lines of at least three numbers x y z: {error}"
+        ) from error
 
 
 def _is_number(word: str) -> bool:
@@ -80,7 +87,9 @@ def _is_number(word: str) -> bool:
 
 def _header_columns(names: list[str], path: Path) -> list[int]:
     if not {"x", "y", "z"} <= set(names):
-        raise ValueError(f"{path}: not a point file: its first line holds neither numbers nor x, y, z")
+        raise ValueError(
+            f"{path}: not a point file: its first line holds neither numbers nor x, y, z"
+        )
     return [names.index(axis) for axis in "xyz"]
 
 
@@ -94,12 +103,20 @@ def _read_numpy(path: Path) -> FloatArray:
     except Exception as error:  # zipfile.BadZipFile and friends have no common base
         raise ValueError(f"{path}: truncated or not a NumPy archive: {error}") from error
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
-        raise ValueError(f"{path}: holds {array.dtype} of shape {array.shape}: expected (N, 3) numbers")
+        raise ValueError(
+            f"{path}: holds {array.dtype} of shape {array.shape}: expected (N, 3) numbers"
+        )
     return array[:, :3].astype(np.float64)
 
 
 def _single_array(archive: np.lib.npyio.NpzFile, path: Path) -> np.ndarray:
-    name = "points" if "points" in archive.files else archive.files[0] if len(archive.files) == 1 else None
+    name = (
+        "points"
+        if "points" in archive.files
+        else archive.files[0]
+        if len(archive.files) == 1
+        else None
+    )
     if name is None:
         raise ValueError(f"holds the arrays {archive.files}: expected one called 'points'")
     return archive[name]
@@ -116,7 +133,9 @@ def _read_las(path: Path) -> FloatArray:
     except Exception as error:  # laspy and its decompressors raise many kinds for a damaged file
         raise ValueError(f"{path}: truncated or not a LAS/LAZ file: {error}") from error
     if len(cloud) != announced:
-        raise ValueError(f"{path}: truncated: its header announces {announced} points, it holds {len(cloud)}")
+        raise ValueError(
+            f"{path}: truncated: its header announces {announced} points, it holds {len(cloud)}"
+        )
     return np.asarray(cloud.xyz, dtype=np.float64)
 
 
@@ -129,7 +148,9 @@ def _read_e57(path: Path) -> FloatArray:
     axes = ("cartesianX", "cartesianY", "cartesianZ")
     try:
         file = pye57.E57(str(path))
-        scans = [file.read_scan(index, ignore_missing_fields=True) for index in range(file.scan_count)]
+        scans = [
+            file.read_scan(index, ignore_missing_fields=True) for index in range(file.scan_count)
+        ]
         return np.concatenate([np.stack([scan[axis] for axis in axes], axis=1) for scan in scans])
     except Exception as error:  # libE57Format has its own exception, raised through pybind11
         raise ValueError(f"{path}: truncated or not an E57 file: {error}") from error

@@ -1,7 +1,7 @@
 """PCD, the Point Cloud Library's format: ascii by NumPy, the binary encodings by Open3D.
 
-Open3D only warns about a truncated file, and fills the rest of an ascii one with zeros; so the header
-is read here and what comes back is held against it.
+Open3D only warns about a truncated file, and fills the rest of an ascii one with zeros; so the
+header is read here and what comes back is held against it.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ def read_pcd(path: Path) -> FloatArray:
     """The points of a PCD file.
 
     Args:
-        path: of an ascii, binary or binary_compressed file. Fields other than x, y, z are skipped, and so
-            is the viewpoint.
+        path: of an ascii, binary or binary_compressed file. Fields other than x, y, z are skipped,
+            and so is the viewpoint.
 
     Returns:
-        (N, 3) float64 points. Rows with NaN, which stand for pixels without a return in organised clouds,
-        are dropped; a warning in the log says how many.
+        (N, 3) float64 points. Rows with NaN, which stand for pixels without a return in organised
+        clouds, are dropped; a warning in the log says how many.
 
     Raises:
         ValueError: it is not a PCD file, lacks x, y or z, or ends before its last point.
@@ -35,9 +35,15 @@ def read_pcd(path: Path) -> FloatArray:
     with open(path, "rb") as file:
         header = _read_header(file, path)
         announced = int(header["POINTS"][0])
-        points = _read_ascii(file, header, path) if header["DATA"] == ["ascii"] else _read_by_open3d(path)
+        points = (
+            _read_ascii(file, header, path)
+            if header["DATA"] == ["ascii"]
+            else _read_by_open3d(path)
+        )
     if len(points) != announced:
-        raise ValueError(f"{path}: truncated: its header announces {announced} points, it holds {len(points)}")
+        raise ValueError(
+            f"{path}: truncated: its header announces {announced} points, it holds {len(points)}"
+        )
     without_return = np.isnan(points).any(axis=1)
     if without_return.any():
         _log.warning("%s: dropped %d of %d rows of NaN", path, without_return.sum(), len(points))
@@ -57,7 +63,9 @@ def _read_header(file: BinaryIO, path: Path) -> dict[str, list[str]]:
         raise ValueError(f"{path}: truncated or not a PCD file: its header lacks POINTS or DATA")
     names = header.get("FIELDS", [])
     if not {"x", "y", "z"} <= set(names):
-        raise ValueError(f"{path}: its FIELDS lack x, y or z: they are {' '.join(names) or 'missing'}")
+        raise ValueError(
+            f"{path}: its FIELDS lack x, y or z: they are {' '.join(names) or 'missing'}"
+        )
     return header
 
 

@@ -1,7 +1,8 @@
 """PLY, ascii and binary, read straight into NumPy.
 
-The reader is our own because the others do not fit: Open3D takes over a second to import and reads a
-truncated file without an error, plyfile is GPL. A PLY body is a table of records, one ``np.frombuffer``.
+The reader is our own because the others do not fit: Open3D takes over a second to import and
+reads a truncated file without an error, plyfile is GPL. A PLY body is a table of records, one
+``np.frombuffer``.
 Format: G. Turk, "The PLY polygon file format", 1994.
 """
 
@@ -44,7 +45,8 @@ def read_ply(path: Path) -> FloatArray:
     """The vertices of a PLY file.
 
     Args:
-        path: of an ascii, little-endian or big-endian PLY file. Other columns and elements are skipped.
+        path: of an ascii, little-endian or big-endian PLY file. Other columns and elements
+            are skipped.
 
     Returns:
         (N, 3) float64 points.
@@ -60,7 +62,11 @@ def read_ply(path: Path) -> FloatArray:
                 raise ValueError(f"{path}: lists before or in the vertices are not supported")
             dtype = np.dtype([(name, order + kind) for name, kind in element.columns])
             is_ascii = format_name == "ascii"
-            table = _read_ascii(file, element, path) if is_ascii else _read_binary(file, element, dtype, path)
+            table = (
+                _read_ascii(file, element, path)
+                if is_ascii
+                else _read_binary(file, element, dtype, path)
+            )
             if element.name == "vertex":
                 return table
     raise ValueError(f"{path}: has no vertices: expected a PLY file with an element 'vertex'")
@@ -84,7 +90,9 @@ def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[_Element]]:
     else:
         raise ValueError(f"{path}: truncated or not a PLY file: its header never ends")
     if format_name not in _BYTE_ORDERS:
-        raise ValueError(f"{path}: unknown PLY format {format_name!r}: expected one of {list(_BYTE_ORDERS)}")
+        raise ValueError(
+            f"{path}: unknown PLY format {format_name!r}: expected one of {list(_BYTE_ORDERS)}"
+        )
     return format_name, elements
 
 
@@ -100,7 +108,9 @@ def _add_property(element: _Element, words: list[str], path: Path) -> None:
 def _xyz_columns(element: _Element, path: Path) -> list[int]:
     names = [name for name, _ in element.columns]
     if element.name == "vertex" and not {"x", "y", "z"} <= set(names):
-        raise ValueError(f"{path}: its vertices lack x, y or z: they have {', '.join(names) or 'nothing'}")
+        raise ValueError(
+            f"{path}: its vertices lack x, y or z: they have {', '.join(names) or 'nothing'}"
+        )
     return [names.index(axis) for axis in "xyz"] if element.name == "vertex" else []
 
 
@@ -111,7 +121,11 @@ def _read_binary(file: BinaryIO, element: _Element, dtype: np.dtype, path: Path)
         raise _truncated(path, len(body) // dtype.itemsize, element)
     table = np.frombuffer(body, dtype)
     names = [element.columns[column][0] for column in columns]
-    return np.stack([table[name] for name in names], axis=1).astype(np.float64) if names else np.empty((0, 3))
+    return (
+        np.stack([table[name] for name in names], axis=1).astype(np.float64)
+        if names
+        else np.empty((0, 3))
+    )
 
 
 def _read_ascii(file: BinaryIO, element: _Element, path: Path) -> FloatArray:
@@ -151,7 +165,8 @@ def write_ply(path: Path | str, points: FloatArray, colors: IntArray | None = No
         table[name] = np.asarray(colors)[:, index]
     kinds = {"<f8": "double", "u1": "uchar"}
     properties = "".join(f"property {kinds[kind]} {name}\n" for name, kind in columns)
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{properties}end_header\n"
+    vertices = f"element vertex {len(points)}\n{properties}"
+    header = f"ply\nformat binary_little_endian 1.0\n{vertices}end_header\n"
     with replacing(path) as temporary, open(temporary, "wb") as file:
         file.write(header.encode("ascii"))
         table.tofile(file)

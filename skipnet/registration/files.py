@@ -1,6 +1,7 @@
 """Registration from files to files: what ``register.py`` does once its options are read.
 
-Everything is read and checked before anything is written, and every file is written whole or not at all.
+Everything is read and checked before anything is written, and every file appears whole or not at
+all.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ class Choices:
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
 
 
-def register_pair_files(source: Path, target: Path, output_dir: Path, choices: Choices) -> Registration:
+def register_pair_files(
+    source: Path, target: Path, output_dir: Path, choices: Choices
+) -> Registration:
     """Register two files and write ``PAIR_OUTPUTS`` into a folder.
 
     Args:
@@ -61,7 +64,7 @@ def register_pair_files(source: Path, target: Path, output_dir: Path, choices: C
 
 
 def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
-    """Simulate two scans of one room, register them, and write them with ``PAIR_OUTPUTS`` into a folder.
+    """Simulate two scans of a room, register them, write them and ``PAIR_OUTPUTS`` into a folder.
 
     Prints how far the result is from the truth, which the registration never saw.
     """
@@ -78,7 +81,9 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     return result
 
 
-def register_scan_files(scans: Sequence[Path], output_dir: Path, choices: Choices) -> MultiviewResult:
+def register_scan_files(
+    scans: Sequence[Path], output_dir: Path, choices: Choices
+) -> MultiviewResult:
     """Bring many files into the frame of the first and write ``SCANS_OUTPUTS`` into a folder.
 
     Every scan's viewpoint is found out; those of ``choices`` are for pairs.
@@ -94,7 +99,9 @@ def register_scan_files(scans: Sequence[Path], output_dir: Path, choices: Choice
         clouds_m, voxel_size_m=choices.voxel_size_m, seed=choices.seed, config=choices.registration
     )
     names = [str(scan) for scan in scans]
-    placed = [index for index, T_first_scan in enumerate(result.T_first_scan) if T_first_scan is not None]
+    placed = [
+        index for index, T_first_scan in enumerate(result.T_first_scan) if T_first_scan is not None
+    ]
     placed_m = [transform_points(result.T_first_scan[index], clouds_m[index]) for index in placed]
     png = _write_scans(placed_m, [names[index] for index in placed], output_dir)
     write_text(output_dir / "report.html", report.scans_page(result, names, png, choices.seed))
@@ -103,12 +110,16 @@ def register_scan_files(scans: Sequence[Path], output_dir: Path, choices: Choice
     return result
 
 
-def _read_inputs(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]) -> list[FloatArray]:
+def _read_inputs(
+    paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]
+) -> list[FloatArray]:
     clouds_m = [validate(read_points(path), str(path)) for path in paths]
     written = {(output_dir / name).resolve() for name in outputs}
     for path in paths:
         if path.resolve() in written:
-            raise ValueError(f"{path}: would be overwritten by the results: choose another output_dir")
+            raise ValueError(
+                f"{path}: would be overwritten by the results: choose another output_dir"
+            )
     output_dir.mkdir(parents=True, exist_ok=True)
     return clouds_m
 

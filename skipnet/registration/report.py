@@ -23,15 +23,21 @@ _PACKAGES = ("numpy", "scipy", "torch", "open3d")
 
 
 def result_json(result: Registration, inputs: Mapping[str, str], seed: int) -> str:
-    """``result.json``: every field of the result, transforms as nested lists, and where it came from."""
-    content = {**_registration(result), "inputs": dict(inputs), "seed": seed, "versions": versions()}
+    """``result.json``: every field of the result, transforms as lists, and where it came from."""
+    content = {
+        **_registration(result),
+        "inputs": dict(inputs),
+        "seed": seed,
+        "versions": versions(),
+    }
     return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
 def poses_json(result: MultiviewResult, names: Sequence[str], seed: int) -> str:
-    """``poses.json``: per scan the transform into the first scan's frame (null: not placed), and the pairs.
+    """``poses.json``: each scan's transform into the first's frame (null: no place), and the pairs.
 
-    A pair's ``T_target_source`` maps scan number ``source`` into the frame of scan number ``target``.
+    A pair's ``T_target_source`` maps scan number ``source`` into the frame of scan number
+    ``target``.
     """
     scans = [
         {"path": name, "T_first_scan": T_first_scan}
@@ -67,7 +73,9 @@ def pair_page(result: Registration, inputs: Mapping[str, str], png: bytes, seed:
     return html.page(
         "Registration of two scans",
         html.status_banner(result.status, result.reason, result.confidence),
-        html.picture(png, "Both scans in the target's frame, as they came and with the motion found."),
+        html.picture(
+            png, "Both scans in the target's frame, as they came and with the motion found."
+        ),
         html.section(
             "The motion found",
             html.paragraph("p_target = T_target_source p_source, in metres, after fine alignment:"),
@@ -97,7 +105,9 @@ def scans_page(result: MultiviewResult, names: Sequence[str], png: bytes, seed: 
         html.status_banner(result.status, result.reason),
         html.picture(png, "Every placed scan in the frame of the first."),
         html.section("Scans", html.table(["number", "file", "x (m)", "y (m)", "z (m)"], places)),
-        html.paragraph("x, y, z: the scan's origin in the frame of the first; empty where it found no place."),
+        html.paragraph(
+            "x, y, z: the scan's origin in the frame of the first; empty where it found no place."
+        ),
         html.section("Pairs", html.table(["pair", "status", "confidence", "reason"], pairs)),
         _footer(seed),
     )
@@ -115,7 +125,7 @@ def versions() -> dict[str, str]:
 
 
 def plain(value: Any) -> Any:
-    """Values as JSON knows them: arrays as nested lists, NaN and infinity as null, the rest as text."""
+    """Values as JSON knows them: arrays as lists, NaN and infinity as null, the rest as text."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -148,7 +158,11 @@ def _origin(T_first_scan: FloatArray | None) -> list[str]:
 def _brief(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
-    text = np.array2string(value, precision=4, threshold=12) if isinstance(value, np.ndarray) else str(value)
+    text = (
+        np.array2string(value, precision=4, threshold=12)
+        if isinstance(value, np.ndarray)
+        else str(value)
+    )
     text = " ".join(text.split())
     return text if len(text) <= _LONGEST_DETAIL else text[:_LONGEST_DETAIL] + " ..."
 

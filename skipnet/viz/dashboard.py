@@ -1,7 +1,7 @@
 """TensorBoard: thin helpers over ``SummaryWriter``, shared by training and evaluation.
 
-Meshes go through TensorBoard's own plugin (``add_mesh``), which draws in the browser; Open3D's renders on
-the server and needs a GPU or EGL.
+Meshes go through TensorBoard's own plugin (``add_mesh``), which draws in the browser; Open3D's
+renders on the server and needs a GPU or EGL.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def log_scalars(writer: SummaryWriter, values: Mapping[str, float], step: int) -
 def log_hyperparameters(
     writer: SummaryWriter, parameters: Mapping[str, object], scores: Mapping[str, float]
 ) -> None:
-    """The run's row in the HPARAMS tab, in the run itself (``add_hparams`` would open a second one)."""
+    """The run's row in the HPARAMS tab, in the run itself (``add_hparams`` opens a second)."""
     from torch.utils.tensorboard.summary import hparams
 
     plain = {

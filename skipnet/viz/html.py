@@ -1,6 +1,7 @@
 """Reports as one HTML file that opens anywhere: styles inside, pictures as base64, nothing loaded.
 
-Builders return HTML text and escape what they are given; ``page`` puts a head and a style around them.
+Builders return HTML text and escape what they are given; ``page`` puts a head and a style around
+them.
 """
 
 from __future__ import annotations
@@ -24,19 +25,24 @@ _PAGE = Template("""<!DOCTYPE html>
 body { font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; color: #1c1c1c; background: #fff;
        max-width: 62rem; margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.5rem; margin: 0 0 1rem; }
-h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; border-bottom: 1px solid #ddd; padding-bottom: .2rem; }
+h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; padding-bottom: .2rem;
+     border-bottom: 1px solid #ddd; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 .wide { overflow-x: auto; }
-th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid #eee; }
+th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top;
+         border-bottom: 1px solid #eee; }
 th { font-weight: 600; }
 td.number, th.number { text-align: right; }
 figure { margin: 1rem 0; }
 figure img { max-width: 100%; }
 figcaption { color: #555; font-size: .9rem; }
 pre { background: #f6f6f6; padding: .8rem 1rem; overflow-x: auto; font-size: .85rem; }
-.status { border-left: .6rem solid; padding: .6rem 1.2rem; margin: 1rem 0 1.5rem; background: #f8f8f8; }
+.status { border-left: .6rem solid; padding: .6rem 1.2rem; margin: 1rem 0 1.5rem;
+          background: #f8f8f8; }
 .status strong { display: block; font-size: 2.6rem; line-height: 1.15; }
-.registered { border-color: #009e73; } .ambiguous { border-color: #e69f00; } .failed { border-color: #d55e00; }
+.registered { border-color: #009e73; }
+.ambiguous { border-color: #e69f00; }
+.failed { border-color: #d55e00; }
 footer { color: #777; font-size: .85rem; margin-top: 3rem; }
 </style>
 </head>
@@ -75,11 +81,15 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """
     is_number = [all(_looks_numeric(row[index]) for row in rows) for index in range(len(headers))]
     kinds = [' class="number"' if number else "" for number in is_number]
-    head = "".join(f"<th{kind}>{escape(name)}</th>" for name, kind in zip(headers, kinds, strict=True))
+    head = "".join(
+        f"<th{kind}>{escape(name)}</th>" for name, kind in zip(headers, kinds, strict=True)
+    )
     head = f"<tr>{head}</tr>" if any(headers) else ""
     body = "".join(
         "<tr>"
-        + "".join(f"<td{kind}>{escape(str(cell))}</td>" for cell, kind in zip(row, kinds, strict=True))
+        + "".join(
+            f"<td{kind}>{escape(str(cell))}</td>" for cell, kind in zip(row, kinds, strict=True)
+        )
         + "</tr>\n"
         for row in rows
     )
@@ -96,17 +106,18 @@ def picture(png: bytes, caption: str) -> str:
 
 
 def status_banner(status: str, reason: str, confidence: float | None = None) -> str:
-    """The outcome in big letters, with its reason and, where there is one, its confidence in [0, 1]."""
+    """The outcome in big letters, with its reason and perhaps its confidence in [0, 1]."""
     meaning = "the share of results like this one that are right"
     line = "" if confidence is None else f"<br>Confidence {confidence:.0%}: {meaning}."
-    return (
-        f'<div class="status {escape(status)}"><strong>{escape(status)}</strong>{escape(reason)}{line}</div>'
-    )
+    heading = f"<strong>{escape(status)}</strong>"
+    return f'<div class="status {escape(status)}">{heading}{escape(reason)}{line}</div>'
 
 
 def matrix(T_a_b: FloatArray) -> str:
     """A (4, 4) transform in a form that can be copied."""
-    return preformatted(np.array2string(np.asarray(T_a_b), precision=9, suppress_small=True, floatmode="fixed"))
+    return preformatted(
+        np.array2string(np.asarray(T_a_b), precision=9, suppress_small=True, floatmode="fixed")
+    )
 
 
 def footer(text: str) -> str:

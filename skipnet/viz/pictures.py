@@ -1,7 +1,8 @@
 """Pictures as Matplotlib figures: scans before and after, Skip-maps, confusion matrices.
 
-Figures are made without pyplot, so nothing is global and no display is needed. All colours stay apart for
-colour-blind readers: Okabe and Ito's palette for kinds, ``plasma`` (dark blue to bright yellow) for values.
+Figures are made without pyplot, so nothing is global and no display is needed. All colours stay
+apart for colour-blind readers: Okabe and Ito's palette for kinds, ``plasma`` (dark blue to bright
+yellow) for values.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _TALLEST_IN = 10.0
 
 
 class _View(NamedTuple):
-    """One view of a scene: its axes, a column each, and which coordinates run to the right and up."""
+    """One view of a scene: its axes by column, and which coordinates run to the right and up."""
 
     columns: list[Axes]
     plane: tuple[int, int]
@@ -53,7 +54,9 @@ def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
     return buffer.getvalue()
 
 
-def draw_before_after(source_m: FloatArray, target_m: FloatArray, T_target_source: FloatArray) -> Figure:
+def draw_before_after(
+    source_m: FloatArray, target_m: FloatArray, T_target_source: FloatArray
+) -> Figure:
     """Both scans in the target's frame, as they came and registered, from above and from the side.
 
     Args:
@@ -63,7 +66,9 @@ def draw_before_after(source_m: FloatArray, target_m: FloatArray, T_target_sourc
     """
     source_m, target_m = thin(source_m), thin(target_m)
     after_m = transform_points(T_target_source, source_m)
-    figure, views = _views_by_columns(np.concatenate([source_m, after_m, target_m]), ["before", "after"])
+    figure, views = _views_by_columns(
+        np.concatenate([source_m, after_m, target_m]), ["before", "after"]
+    )
     for view in views:
         for axes, moved_m in zip(view.columns, (source_m, after_m), strict=True):
             _draw_clouds(axes, view.plane, [moved_m, target_m], [SOURCE_COLOUR, TARGET_COLOUR])
@@ -83,23 +88,29 @@ def draw_scans(scans_m: Sequence[FloatArray], names: Sequence[str]) -> Figure:
 
 
 def draw_skipmap_by_curvature(centroids_m: FloatArray, curvatures: FloatArray) -> Figure:
-    """The paper's Skip-map picture: (V, 3) voxel centres by their (V,) curvature, yellow where curved."""
+    """The paper's Skip-map picture: (V, 3) voxel centres by (V,) curvature, yellow where curved."""
     figure, views = _views_by_columns(centroids_m, ["Skip-map"])
     order = np.argsort(curvatures)  # the curved ones on top: they are few
     for view in views:
         shades = curvatures[order]
-        dots = _draw_dots(view.columns[0], view.plane, centroids_m[order], c=shades, cmap="plasma", s=4)
+        dots = _draw_dots(
+            view.columns[0], view.plane, centroids_m[order], c=shades, cmap="plasma", s=4
+        )
         dots.set_clim(0, CURVATURE_OF_BRIGHTEST)
     label = "curvature l0 / (l0 + l1 + l2)"
-    figure.colorbar(dots, ax=figure.axes, label=label, location="bottom", shrink=0.7, aspect=40, extend="max")
+    figure.colorbar(
+        dots, ax=figure.axes, label=label, location="bottom", shrink=0.7, aspect=40, extend="max"
+    )
     return figure
 
 
 def draw_skipmap_by_class(centroids_m: FloatArray, classes: IntArray) -> Figure:
-    """(V, 3) voxel centres in the colours of their (V,) ``FeatureClass``, corners larger and on top."""
+    """(V, 3) voxel centres in the colours of their (V,) ``FeatureClass``, corners on top."""
     figure, views = _views_by_columns(centroids_m, ["classes"])
     order = np.argsort(-classes, kind="stable")
-    sizes = np.where(classes <= FeatureClass.OTHER_CORNER, 16, np.where(classes == FeatureClass.EDGE, 6, 2))
+    sizes = np.where(
+        classes <= FeatureClass.OTHER_CORNER, 16, np.where(classes == FeatureClass.EDGE, 6, 2)
+    )
     tints = class_colours(classes[order]) / 255
     for view in views:
         _draw_dots(view.columns[0], view.plane, centroids_m[order], c=tints, s=sizes[order])
@@ -137,7 +148,7 @@ def scan_colour(index: int) -> str:
 
 
 def curvature_colours(curvatures: FloatArray) -> IntArray:
-    """(V, 3) uint8 red, green, blue: dark blue for 0, bright yellow from ``CURVATURE_OF_BRIGHTEST`` on."""
+    """(V, 3) uint8 red, green, blue: dark blue for 0, yellow for ``CURVATURE_OF_BRIGHTEST``."""
     from matplotlib import colormaps
 
     share = np.clip(np.asarray(curvatures) / CURVATURE_OF_BRIGHTEST, 0, 1)
@@ -153,7 +164,10 @@ def class_colours(classes: IntArray) -> IntArray:
 
 
 def thin(points_m: FloatArray, most: int = _MOST_DOTS) -> FloatArray:
-    """At most ``most`` of the points, even over space: a scan's dense part near the sensor hides the rest."""
+    """At most ``most`` of the points, even over space.
+
+    Otherwise the dense part of a scan, near the sensor, would hide the rest.
+    """
     points_m = np.asarray(points_m)
     low_m, high_m = _robust_bounds_m(points_m)
     cell_m = max(float((high_m - low_m).max()), 1e-9) / _THINNING_CELLS
@@ -203,7 +217,9 @@ def _views_by_columns(points_m: FloatArray, titles: Sequence[str]) -> tuple[Figu
             axes.set_axisbelow(True)
             if right == 1 and up == 0:
                 axes.invert_yaxis()  # still seen from above: with y to the right, x points down
-    return figure, [_View(list(row), plane) for row, plane in zip(grid, planes.values(), strict=True)]
+    return figure, [
+        _View(list(row), plane) for row, plane in zip(grid, planes.values(), strict=True)
+    ]
 
 
 def _draw_clouds(
@@ -213,12 +229,16 @@ def _draw_clouds(
     from matplotlib.colors import to_rgb
 
     points_m = np.concatenate(clouds_m)
-    tints = np.repeat([to_rgb(colour) for colour in colours], [len(cloud) for cloud in clouds_m], axis=0)
+    tints = np.repeat(
+        [to_rgb(colour) for colour in colours], [len(cloud) for cloud in clouds_m], axis=0
+    )
     order = np.random.default_rng(0).permutation(len(points_m))
     _draw_dots(axes, plane, points_m[order], c=tints[order], s=1.5, alpha=0.7)
 
 
-def _draw_dots(axes: Axes, plane: tuple[int, int], points_m: FloatArray, **style: Any) -> PathCollection:
+def _draw_dots(
+    axes: Axes, plane: tuple[int, int], points_m: FloatArray, **style: Any
+) -> PathCollection:
     horizontal, vertical = plane
     return axes.scatter(points_m[:, horizontal], points_m[:, vertical], linewidths=0, **style)
 
@@ -230,4 +250,6 @@ def _add_legend(figure: Figure, colours: dict[str, str]) -> None:
         Line2D([], [], marker="o", linestyle="", markersize=8, color=colour, label=name)
         for name, colour in colours.items()
     ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=min(len(marks), 5), frameon=False)
+    figure.legend(
+        handles=marks, loc="outside lower center", ncols=min(len(marks), 5), frameon=False
+    )
