@@ -1,7 +1,7 @@
 """Hypotheses: candidate poses, all of one type, and those that correspondences propose.
 
-A generator takes what two scans show and returns a stack of ``T_target_source`` with weights; it never
-judges. What one proposes is judged together with what the others do.
+A generator takes what two scans show and returns a stack of ``T_target_source`` with weights; it
+never judges. What one proposes is judged together with what the others do.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def from_correspondences(
 ) -> Hypotheses:
     """Poses from sets of correspondences that agree with each other: second-order compatibility.
 
-    Two correspondences are compatible when they keep their distance; they support each other by the
-    number of third ones compatible with both (SC2-PCR, Chen et al., CVPR 2022). Each seed's strongest
-    supporters give one pose by weighted least squares.
+    Two correspondences are compatible when they keep their distance; they support each other by
+    the number of third ones compatible with both (SC2-PCR, Chen et al., CVPR 2022). Each seed's
+    strongest supporters give one pose by weighted least squares.
 
     Args:
         source_m: (K, 3) points of the source ...
@@ -77,7 +77,7 @@ def from_correspondences(
 
 
 def fit_transforms(source_m: FloatArray, target_m: FloatArray, weights: FloatArray) -> FloatArray:
-    """(S, 4, 4) least-squares rigid motions of S weighted sets of (S, K, 3) correspondences (Kabsch)."""
+    """(S, 4, 4) least-squares motions of S weighted sets of (S, K, 3) correspondences (Kabsch)."""
     share = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float64)[..., None]
     centre_s, centre_t = (source_m * share).sum(axis=1), (target_m * share).sum(axis=1)
     moved_s, moved_t = source_m - centre_s[:, None], target_m - centre_t[:, None]
@@ -103,7 +103,7 @@ def concatenate(stacks: list[Hypotheses]) -> Hypotheses:
 
 
 def best_rotations(correlation: FloatArray) -> FloatArray:
-    """(R, 3, 3) rotations nearest to correlation matrices sum(w a b^T): R maximises sum(w a . R b) (Kabsch)."""
+    """(R, 3, 3) rotations R that maximise sum(w a . R b), of correlations sum(w a b^T) (Kabsch)."""
     u, _, vt = np.linalg.svd(correlation)
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     return u @ vt

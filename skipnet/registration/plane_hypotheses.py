@@ -1,4 +1,4 @@
-"""Hypotheses from planes: walls, floors and furniture fronts fix a pose where three differ in direction."""
+"""Hypotheses from planes: three walls, floors or fronts of different directions fix a pose."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def from_planes(
     per_rotation: int = 120,
     max_angle_rad: float = 0.06,
 ) -> Hypotheses:
-    """Rotations from pairs of planes that meet at equal angles, translations from parallel planes' offsets.
+    """Rotations from pairs of planes at equal angles, translations from parallel planes' offsets.
 
     Args:
         source: planes of the source, normals towards its sensor (or with both signs).
@@ -60,9 +60,9 @@ def _plane_rotations(
     )
     best = np.argsort(-weight, kind="stable")[:3000]
     p, q = p[best], q[best]
-    rotations = bisector_frames(target.normals[k[q]], target.normals[m[q]]) @ bisector_frames(
-        source.normals[i[p]], source.normals[j[p]]
-    ).transpose(0, 2, 1)
+    frames_t = bisector_frames(target.normals[k[q]], target.normals[m[q]])
+    frames_s = bisector_frames(source.normals[i[p]], source.normals[j[p]])
+    rotations: FloatArray = frames_t @ frames_s.transpose(0, 2, 1)
     support = _shared_area(rotations, source, target, 1.5 * max_angle_rad).sum(axis=(1, 2))
     rotations = _distinct_rotations(rotations, support, max_rotations, 1.5 * max_angle_rad)
     shared = _shared_area(rotations, source, target, 1.5 * max_angle_rad)
@@ -73,13 +73,14 @@ def _oblique_pairs(normals: FloatArray, ordered: bool) -> tuple[IntArray, IntArr
     """Index pairs of normals at least 20 degrees from parallel."""
     sine = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=-1)
     pairs = sine > np.sin(np.deg2rad(20))
-    return np.nonzero(pairs if ordered else np.triu(pairs))
+    first, second = np.nonzero(pairs if ordered else np.triu(pairs))
+    return first, second
 
 
 def _shared_area(
     rotations: FloatArray, source: Planes, target: Planes, max_angle_rad: float
 ) -> FloatArray:
-    """(R, S, T) area that each source plane shares with the target plane nearest to it in direction."""
+    """(R, S, T) area that each source plane shares with the target plane most parallel to it."""
     cosine = np.einsum("rij,sj,ti->rst", rotations, source.normals, target.normals, optimize=True)
     shared = np.where(
         cosine > np.cos(max_angle_rad), np.minimum(source.weights[:, None], target.weights), 0.0
@@ -93,7 +94,7 @@ def _distinct_rotations(
     """Greedy choice by support; rotations within ``min_angle_rad`` of a better one are dropped."""
     min_trace = 1 + 2 * np.cos(min_angle_rad)
     left = np.argsort(-support, kind="stable")
-    kept = []
+    kept: list[int] = []
     while len(left) and len(kept) < max_rotations:
         kept.append(left[0])
         trace = np.einsum("rij,ij->r", rotations[left], rotations[left[0]])
@@ -109,7 +110,7 @@ def _plane_translations(
     count: int,
     max_angle_rad: float,
 ) -> Hypotheses:
-    """Translations on which offsets of parallel planes agree; every triple of directions may fix one.
+    """Translations on which offsets of parallel planes agree; any three directions may fix one.
 
     In two rooms seen through a door no pair of large walls may correspond along one axis; a slanted
     cupboard front, small as it is, then holds what the walls cannot.
@@ -138,7 +139,8 @@ def _plane_translations(
 
 def _directions(normals: FloatArray, weights: FloatArray, count: int = 5) -> FloatArray:
     """(D, 3) directions of much area, at least 20 degrees apart, either sign."""
-    free, axes = np.ones(len(normals), dtype=bool), []
+    free = np.ones(len(normals), dtype=bool)
+    axes: list[FloatArray] = []
     while free.any() and len(axes) < count:
         axes.append(normals[np.where(free, weights, -1).argmax()])
         free &= np.abs(normals @ axes[-1]) < np.cos(np.deg2rad(20))
@@ -148,10 +150,11 @@ def _directions(normals: FloatArray, weights: FloatArray, count: int = 5) -> Flo
 def _vote(
     along: FloatArray, shift_m: FloatArray, weights: FloatArray, width_m: float, count: int = 16
 ) -> tuple[FloatArray, FloatArray]:
-    """The ``count`` shifts along one direction with the most weight within ``width_m``, and that weight.
+    """The ``count`` shifts along a direction with most weight within ``width_m``, and that weight.
 
     Args:
-        along: (P,) cosine between each pair's normal and the direction; parallel ones of either sign vote.
+        along: (P,) cosine between each pair's normal and the direction; parallel ones of either
+            sign vote.
         shift_m: (P,) shift along its own normal that each pair asks for.
         weights: (P,) of the pairs.
         width_m: shifts closer than this support each other.
@@ -162,7 +165,8 @@ def _vote(
     near = np.abs(offsets_m[:, None] - offsets_m) < width_m
     support = near @ weights
     mean_m = (near @ (weights * offsets_m)) / support
-    left, peaks = np.argsort(-support, kind="stable"), []
+    left = np.argsort(-support, kind="stable")
+    peaks: list[int] = []
     while len(left) and len(peaks) < count:
         peaks.append(left[0])
         left = left[np.abs(mean_m[left] - mean_m[left[0]]) > width_m]
@@ -176,7 +180,7 @@ def _solve(
     if abs(np.linalg.det(axes)) < 0.2:
         return np.zeros((0, 3))
     grids = np.meshgrid(*[shift_m for shift_m, _ in votes], indexing="ij")
-    support = sum(np.meshgrid(*[weight for _, weight in votes], indexing="ij")).ravel()
+    support = np.sum(np.meshgrid(*[weight for _, weight in votes], indexing="ij"), axis=0).ravel()
     shifts_m = np.stack([grid.ravel() for grid in grids], axis=-1)
     strongest = np.argsort(-support, kind="stable")[:count]
     return np.linalg.solve(axes, shifts_m[strongest].T).T

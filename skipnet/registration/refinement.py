@@ -1,9 +1,9 @@
 """Fine alignment: ICP on Skip-map voxels with oriented normals, from coarse level to fine.
 
-Each source voxel corresponds to the target voxel it falls into, if their normals agree: the two sides of
-a wall never match. Residuals are taken along the normals (symmetric point-to-plane) and weighted by what
-the voxels' moments say about their own accuracy, so flat, well-filled voxels decide and rough ones hardly
-count. A correspondence is one table lookup; no search tree is built.
+Each source voxel corresponds to the target voxel it falls into, if their normals agree: the two
+sides of a wall never match. Residuals are taken along the normals (symmetric point-to-plane) and
+weighted by what the voxels' moments say about their own accuracy, so flat, well-filled voxels
+decide and rough ones hardly count. A correspondence is one table lookup; no search tree is built.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from skipnet.types import FloatArray, IntArray
 MIN_MATCHES = 50
 """Fewer correspondences at a level say nothing."""
 MODEL_ERROR_VOXELS = 0.002
-"""How far a real surface departs from its voxel's plane, at best: keeps dense voxels from deciding all."""
+"""How far a real surface departs from its voxel's plane at best, so that dense voxels do not
+decide all."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class Refinement:
     T_target_source: FloatArray
     """(C, 4, 4) float64; the starting pose where no level had enough to hold on to."""
     information: FloatArray
-    """(C, 6, 6) inverse covariance of (rotation about the matched points' centre, translation), in the
-    target's axes, 1/rad^2 and 1/m^2."""
+    """(C, 6, 6) inverse covariance of (rotation about the matched points' centre, translation), in
+    the target's axes, 1/rad^2 and 1/m^2."""
     matched: IntArray
     """(C,) correspondences in the last step."""
     residual_m: FloatArray
@@ -54,7 +55,7 @@ def refine(
         max_steps: Gauss-Newton steps at each level; it stops when no pose moves any more.
         min_normal_cosine: smallest cosine between matching normals.
     """
-    T = np.array(T_target_source, dtype=np.float64)
+    T: FloatArray = np.array(T_target_source, dtype=np.float64)
     result = Refinement(T, np.zeros((len(T), 6, 6)), np.zeros(len(T), int), np.zeros(len(T)))
     for source, target in levels:
         rows = _spread_rows(len(source), samples)
@@ -68,8 +69,10 @@ def refine(
     return result
 
 
-def _keep_tracked(before: Refinement, T: FloatArray, matches: _Matches, max_shift_m: float) -> Refinement:
-    """Take over a level's poses, but for those that ran away: too sparse a level has nothing to hold on to."""
+def _keep_tracked(
+    before: Refinement, T: FloatArray, matches: _Matches, max_shift_m: float
+) -> Refinement:
+    """Take over a level's poses, but for those that ran away: too sparse a level has no hold."""
     matched = matches.valid.sum(axis=1)
     shift_m = np.linalg.norm(
         apply(T, matches.centre_m) - apply(before.T_target_source, matches.centre_m), axis=1
@@ -109,7 +112,7 @@ def _spread_rows(count: int, samples: int | None) -> IntArray:
 def _match(
     T: FloatArray, source: SkipMap, target: SkipMap, rows: IntArray, min_normal_cosine: float
 ) -> _Matches:
-    """Correspondences by lookup, their residuals, and the weighted normal equations of (omega, tau)."""
+    """Correspondences by lookup, and the weighted normal equations of their residuals."""
     rotation = T[:, :3, :3].transpose(0, 2, 1)
     points_m = source.centroids_m[rows] @ rotation + T[:, None, :3, 3]
     normals = source.normals[rows] @ rotation
@@ -132,11 +135,14 @@ def _linearise(
     variance_m2: FloatArray,
     valid: FloatArray,
 ) -> _Matches:
-    """Robustly weighted normal equations about the matched points' centre (Geman-McClure weights)."""
+    """Robustly weighted normal equations about the matched points' centre (Geman-McClure)."""
     count = np.maximum(valid.sum(axis=1), 1)
     centre_m = np.einsum("cs,csi->ci", valid.astype(np.float64), points_m) / count[:, None]
     typical_m = np.array(
-        [np.median(np.abs(r[v])) if v.any() else 0.0 for r, v in zip(residual_m, valid, strict=True)]
+        [
+            np.median(r[v]) if v.any() else 0.0
+            for r, v in zip(np.abs(residual_m), valid, strict=True)
+        ]
     )
     scale_m2 = (4 * typical_m[:, None]) ** 2 + variance_m2
     robust = (scale_m2 / (scale_m2 + residual_m**2)) ** 2
@@ -153,14 +159,14 @@ def _linearise(
 
 
 def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, float]:
-    """Move every pose by its normal equations' solution; directions the data leave free stay put."""
+    """Move every pose by its normal equations' solution; directions left free stay put."""
     from scipy.spatial.transform import Rotation
 
     diagonal = np.einsum("cii->ci", matches.information)
     damping = 1e-6 * diagonal.mean(axis=1, keepdims=True) + 1e-12
-    step = np.linalg.solve(matches.information + np.eye(6) * damping[..., None], matches.gradient[..., None])[
-        ..., 0
-    ]
+    step = np.linalg.solve(
+        matches.information + np.eye(6) * damping[..., None], matches.gradient[..., None]
+    )[..., 0]
     rotation = Rotation.from_rotvec(step[:, :3]).as_matrix()
     about_m = matches.centre_m
     shift_m = about_m - np.einsum("cij,cj->ci", rotation, about_m) + step[:, 3:]
@@ -169,6 +175,6 @@ def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, fl
 
 
 def _variance(skipmap: SkipMap) -> FloatArray:
-    """(V,) variance of each centroid along its normal: the scatter across the surface over the points."""
+    """(V,) variance of each centroid along its normal: scatter across the surface over points."""
     floor_m = MODEL_ERROR_VOXELS * skipmap.voxel_size_m
     return skipmap.eigenvalues_m2[:, 0] / skipmap.counts + floor_m**2

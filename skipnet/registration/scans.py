@@ -41,7 +41,9 @@ class Scan:
         return skipmap_of_tree(self.fine_tree, self.viewpoint_m)
 
 
-def describe(points_m: FloatArray, voxel_size_m: float, viewpoint: Viewpoint, rng: np.random.Generator) -> Scan:
+def describe(
+    points_m: FloatArray, voxel_size_m: float, viewpoint: Viewpoint, rng: np.random.Generator
+) -> Scan:
     """Build a scan's Skip-maps, find out its viewpoint and read off its planes.
 
     Args:

@@ -1,4 +1,4 @@
-"""The verdict: registered, ambiguous or failed, with a calibrated confidence and a reason in words."""
+"""The verdict: registered, ambiguous or failed, a calibrated confidence, a reason in words."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Findings:
     violation: float
     """Mean of both ways' shares in seen free space."""
     margin: float
-    """Score above the best distinct alternative's, as a share of the own score; 1 without a rival."""
+    """Lead over the best distinct alternative's score, as a share of the own; 1 without a rival."""
     matched: int
     """Correspondences of the fine alignment."""
     residual_voxels: float

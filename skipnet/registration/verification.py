@@ -1,8 +1,9 @@
 """The one judge: how well a candidate pose explains both scans, whoever proposed it.
 
-A pose earns the share of each scan's voxels that land on the other scan's surface with agreeing oriented
-normals, and pays for every voxel that lands where the other sensor saw free space. The payment decides
-between look-alike poses: overlap alone cannot tell the four turns of a square room apart.
+A pose earns the share of each scan's voxels that land on the other scan's surface with agreeing
+oriented normals, and pays for every voxel that lands where the other sensor saw free space. The
+payment decides between look-alike poses: overlap alone cannot tell the four turns of a square room
+apart.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class RangeImage:
     """(B, B) nearest range seen in or next to each bin; 0 where nothing was seen."""
 
     def range_towards(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """For (..., 3) points: their range from the sensor and the nearest range seen that way (0 unknown)."""
+        """For (..., 3) points: their range, and the nearest range seen that way (0 unknown)."""
         offset_m = points_m - self.viewpoint_m.astype(points_m.dtype)
         bins = len(self.nearest_m)
         seen_m = self.nearest_m.ravel()[octahedral_bin(offset_m, bins)]
@@ -93,7 +94,7 @@ def build_evidence(
     return Evidence(
         points_m=skipmap.centroids_m.astype(np.float32),
         normals=skipmap.normals.astype(np.float32),
-        weights=np.ones(len(skipmap), np.float32) if weights is None else weights.astype(np.float32),
+        weights=np.asarray(np.ones(len(skipmap)) if weights is None else weights, dtype=np.float32),
         order=rng.permutation(len(skipmap)),
         oriented=viewpoint_m is not None,
         voxel_size_m=skipmap.voxel_size_m,
@@ -106,8 +107,8 @@ def build_evidence(
 def build_range_image(points_m: FloatArray, viewpoint_m: FloatArray) -> RangeImage:
     """Nearest range per direction, with as many bins as the scan's density fills.
 
-    Each bin takes the nearest range of its 3x3 neighbours too, so that a surface seen at a grazing angle
-    or a silhouette never looks like free space.
+    Each bin takes the nearest range of its 3x3 neighbours too, so that a surface seen at a grazing
+    angle or a silhouette never looks like free space.
 
     Args:
         points_m: (N, 3) points of one scan.
@@ -163,7 +164,7 @@ def shortlist(
     count: int = 20,
     rounds: tuple[tuple[int, int], ...] = ((24, 2000), (100, 400), (400, 100)),
 ) -> FloatArray:
-    """Judge many candidates with few samples, the better ones with more; keep the best distinct ones.
+    """Judge all with few samples, the better ones with more; keep the best distinct ones.
 
     Args:
         T_target_source: (C, 4, 4) candidates.
@@ -179,7 +180,8 @@ def shortlist(
     for samples, stay in rounds:
         total = judge(T_target_source, source, target, samples, violation_weight).total
         T_target_source = T_target_source[np.argsort(-total, kind="stable")[:stay]]
-    return T_target_source[distinct(T_target_source, source.points_m, 3 * source.voxel_size_m)[:count]]
+    kept = distinct(T_target_source, source.points_m, 3 * source.voxel_size_m)
+    return T_target_source[kept[:count]]
 
 
 def distinct(
@@ -249,7 +251,7 @@ def _index_near_cells(skipmap: SkipMap) -> CellIndex:
 
 
 def octahedral_bin(offset_m: FloatArray, bins: int) -> IntArray:
-    """Flat bin of each (..., 3) direction on the octahedron unfolded to a square; no trigonometry."""
+    """Flat bin of each (..., 3) direction on the octahedron unfolded to a square."""
     scale = np.abs(offset_m).sum(axis=-1)
     scale[scale == 0] = 1
     u, v = offset_m[..., 0] / scale, offset_m[..., 1] / scale

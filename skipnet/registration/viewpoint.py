@@ -6,11 +6,11 @@ import numpy as np
 
 from skipnet.registration.verification import octahedral_bin
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 MAX_HIDDEN_SHARE = 0.02
-"""Of scans from one place at most this share of voxels seems hidden (noise, porous trees); of fused and
-moving ones several times as much."""
+"""Of scans from one place at most this share of voxels seems hidden (noise, porous trees); of fused
+and moving ones several times as much."""
 _BINS = 160
 
 
@@ -25,10 +25,11 @@ def find_viewpoint(skipmap: SkipMap) -> FloatArray | None:
 
 
 def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
-    """Share of voxels that a sensor at (3,) ``viewpoint_m`` could not have seen: 0 for the true one.
+    """Share of voxels that a sensor at (3,) ``viewpoint_m`` cannot have seen: 0 for the true one.
 
-    A voxel counts as hidden when its line of sight passes through the nearest voxel in that direction, a
-    flat one, from its front to its back. Points further out on one slanted surface do not hide each other.
+    A voxel counts as hidden when its line of sight passes through the nearest voxel in that
+    direction, a flat one, from its front to its back. Points further out on one slanted surface do
+    not hide each other.
     """
     offset_m = skipmap.centroids_m - viewpoint_m
     range_m = np.linalg.norm(offset_m, axis=1)
@@ -47,7 +48,7 @@ def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
     return float(hidden.mean())
 
 
-def _nearest_in_bin(bins: FloatArray, range_m: FloatArray) -> FloatArray:
+def _nearest_in_bin(bins: IntArray, range_m: FloatArray) -> IntArray:
     """For each voxel the row of the nearest voxel in its direction's bin."""
     order = np.lexsort((range_m, bins))
     first = np.r_[True, np.diff(bins[order]) != 0]

@@ -1,4 +1,4 @@
-"""Integer cells of a voxel grid: packing three indices into one sortable key, and finding keys fast."""
+"""Integer cells of a voxel grid: three indices in one sortable key, and finding keys fast."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def cells_of(points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray) ->
 
 
 def pack(cells: IntArray) -> IntArray:
-    """One non-negative int64 key per (..., 3) cell; keys sort by x, then y, then z (the skip-tree's order)."""
+    """One non-negative int64 key per (..., 3) cell; keys sort by x, then y, then z."""
     x, y, z = (cells[..., axis].astype(np.int64) + _OFFSET for axis in range(3))
     return (x << (2 * _BITS)) | (y << _BITS) | z
 
@@ -54,7 +54,7 @@ class CellIndex:
     """
 
     def __init__(self, keys: IntArray, values: IntArray | None = None) -> None:
-        """Build the table over (V,) distinct keys; ``values`` (int32) default to their positions."""
+        """Build the table over (V,) distinct keys; ``values`` default to their positions."""
         self._allocate(len(keys))
         self.insert(keys, np.arange(len(keys)) if values is None else values)
 

@@ -1,8 +1,8 @@
 """Additive moments of point sets: what a voxel keeps instead of its points.
 
-Count, sum and sum of outer products add up when voxels merge and subtract when a scan is removed, so
-a coarser level or a 3x3x3 neighbourhood never needs the points again. Curvature and normal follow from
-the covariance's eigenvalues (PCA), as in the paper: l0 / (l0 + l1 + l2).
+Count, sum and sum of outer products add up when voxels merge and subtract when a scan is removed,
+so a coarser level or a 3x3x3 neighbourhood never needs the points again. Curvature and normal
+follow from the covariance's eigenvalues (PCA), as in the paper: l0 / (l0 + l1 + l2).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 _ROW = np.array([0, 0, 0, 1, 1, 2])
 _COLUMN = np.array([0, 1, 2, 1, 2, 2])
@@ -33,13 +33,17 @@ class Moments:
         return len(self.count)
 
     def __add__(self, other: Moments) -> Moments:
-        return Moments(self.count + other.count, self.first + other.first, self.second + other.second)
+        return Moments(
+            self.count + other.count, self.first + other.first, self.second + other.second
+        )
 
     def __sub__(self, other: Moments) -> Moments:
-        return Moments(self.count - other.count, self.first - other.first, self.second - other.second)
+        return Moments(
+            self.count - other.count, self.first - other.first, self.second - other.second
+        )
 
-    def __getitem__(self, rows: object) -> Moments:
-        return Moments(self.count[rows], self.first[rows], self.second[rows])  # type: ignore[index]
+    def __getitem__(self, rows: IntArray | BoolArray | slice) -> Moments:
+        return Moments(self.count[rows], self.first[rows], self.second[rows])
 
     @property
     def mean(self) -> FloatArray:
@@ -73,8 +77,9 @@ def principal_axes(moments: Moments) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues and eigenvectors of every voxel's covariance (PCA).
 
     Returns:
-        (V, 3) eigenvalues l0 <= l1 <= l2 in square metres, never negative, and (V, 3, 3) matrices whose
-        column k is the unit eigenvector of l_k; column 0 is the surface normal up to its sign.
+        (V, 3) eigenvalues l0 <= l1 <= l2 in square metres, never negative, and (V, 3, 3) matrices
+        whose column k is the unit eigenvector of l_k; column 0 is the surface normal up to its
+        sign.
     """
     values, vectors = np.linalg.eigh(moments.covariance)
     return np.clip(values, 0.0, None), vectors

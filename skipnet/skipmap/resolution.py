@@ -16,8 +16,8 @@ MIN_POINTS_PER_VOXEL = 5
 def choose_voxel_size(source_m: FloatArray, target_m: FloatArray) -> float:
     """The voxel size for a pair of scans, from their own extent and density.
 
-    Each scan asks for the size at which it occupies ``TARGET_VOXELS`` voxels, or fewer where it is too
-    sparse for that; the larger of both sizes serves both.
+    Each scan asks for the size at which it occupies ``TARGET_VOXELS`` voxels, or fewer where it is
+    too sparse for that; the larger of both sizes serves both.
 
     Args:
         source_m: (N, 3) points.
@@ -31,7 +31,7 @@ def choose_voxel_size(source_m: FloatArray, target_m: FloatArray) -> float:
 
 
 def _size_for_one(points_m: FloatArray) -> float:
-    """Count occupied voxels over doubling sizes and interpolate to the goal on logarithmic scales."""
+    """Count occupied voxels over doubling sizes and interpolate to the goal, both logarithmic."""
     goal = min(TARGET_VOXELS, len(points_m) / MIN_POINTS_PER_VOXEL)
     centre_m = np.median(points_m, axis=0)
     distance_m = np.linalg.norm(points_m - centre_m, axis=1)
@@ -42,7 +42,8 @@ def _size_for_one(points_m: FloatArray) -> float:
     while counts[-1] > goal and counts[-1] > 1:
         cells = unpack(np.unique(pack(cells >> 1)))
         counts.append(len(cells))
-    if len(counts) == 1:  # a finer size serves: the number of voxels on surfaces grows with 1 / size^2
+    if len(counts) == 1:
+        # A finer size serves: the number of voxels on surfaces grows with 1 / size^2.
         return finest_m * float(np.sqrt(counts[0] / goal))
     doublings = np.interp(-np.log(goal), -np.log(counts), np.arange(len(counts)))
     return finest_m * float(2**doublings)

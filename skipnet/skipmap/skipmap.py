@@ -1,8 +1,8 @@
 """The Skip-map: the effective voxels of a scan with their curvature and oriented normals.
 
-The paper's "variable resolution point cloud simplification": a voxel is effective when it and its 26
-neighbours hold enough points to fit a surface; PCA over that neighbourhood gives curvature and normal.
-Voxel centres coloured by curvature are the paper's Skip-map picture.
+The paper's "variable resolution point cloud simplification": a voxel is effective when it and its
+26 neighbours hold enough points to fit a surface; PCA over that neighbourhood gives curvature and
+normal. Voxel centres coloured by curvature are the paper's Skip-map picture.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class SkipMap:
 
     @property
     def normals(self) -> FloatArray:
-        """(V, 3) unit normals, towards the sensor where the viewpoint is known, else of either sign."""
+        """(V, 3) unit normals, towards the sensor; of either sign if the viewpoint is unknown."""
         return self.axes[:, :, 0]
 
     @cached_property
@@ -70,7 +70,7 @@ class SkipMap:
         return self._index.find(pack(cells))
 
     def seen_from(self, viewpoint_m: FloatArray | None) -> SkipMap:
-        """The same map with normals turned towards (3,) ``viewpoint_m``; None forgets the viewpoint."""
+        """The same map with normals towards (3,) ``viewpoint_m``; None forgets the viewpoint."""
         if viewpoint_m is None:
             return replace(self, viewpoint_m=None)
         viewpoint_m = np.asarray(viewpoint_m, dtype=np.float64)
@@ -105,7 +105,7 @@ def skipmap_of_tree(
     viewpoint_m: FloatArray | None = None,
     min_points: int = MIN_NEIGHBOURHOOD_POINTS,
 ) -> SkipMap:
-    """The Skip-map of a tree at the tree's own resolution; take ``tree.coarser()`` for the next level."""
+    """The Skip-map of a tree at its own resolution; ``tree.coarser()`` has the next level."""
     around = _sum_neighbourhoods(tree)
     effective = around.count >= min_points
     eigenvalues_m2, axes = principal_axes(around[effective])
@@ -131,6 +131,7 @@ def _sum_neighbourhoods(tree: SkipTree) -> Moments:
         neighbour = tree.find_keys(tree.keys + offset)
         here = np.flatnonzero(neighbour >= 0)
         there = neighbour[here]
-        total[here] += stacked[there]  # no row occurs twice on either side: an offset is a bijection
+        # No row occurs twice on either side: a shift by an offset is a bijection.
+        total[here] += stacked[there]
         total[there] += stacked[here]
     return Moments(total[:, 0], total[:, 1:4], total[:, 4:])

@@ -1,10 +1,10 @@
 """The skip-tree: voxels behind an X list, a Y list and a Z list, held as sorted arrays.
 
-SkiMap (De Gregorio & Di Stefano, arXiv 1704.05832) keeps a tree of skip lists, X list -> Y list -> Z
-list -> voxel. Here each list is a run of one sorted array of packed cells: a key's upper bits name its X
-slice, the middle ones its Y column, the lower ones its place in the Z list. Descending the tree is a
-binary search in a run; integrating a scan is one sort and one segmented sum. Trees are values: every operation
-returns a new one.
+SkiMap (De Gregorio & Di Stefano, arXiv 1704.05832) keeps a tree of skip lists, X list -> Y list ->
+Z list -> voxel. Here each list is a run of one sorted array of packed cells: a key's upper bits
+name its X slice, the middle ones its Y column, the lower ones its place in the Z list. Descending
+the tree is a binary search in a run; integrating a scan is one sort and one segmented sum. Trees
+are values: every operation returns a new one.
 """
 
 from __future__ import annotations
@@ -72,7 +72,9 @@ class SkipTree:
             np.concatenate([self.moments.first, other.moments.first]),
             np.concatenate([self.moments.second, other.moments.second]),
         )
-        return _gather(self.voxel_size_m, self.origin_m, np.concatenate([self.keys, other.keys]), joined)
+        return _gather(
+            self.voxel_size_m, self.origin_m, np.concatenate([self.keys, other.keys]), joined
+        )
 
     def remove(self, other: SkipTree) -> SkipTree:
         """Take a scan that was added out again; voxels left without a point disappear.
@@ -100,16 +102,19 @@ class SkipTree:
 
     def coarser(self, levels: int = 1) -> SkipTree:
         """The tree of voxels 2**levels times as wide, from the moments alone."""
-        return _gather(self.voxel_size_m * 2**levels, self.origin_m, pack(self.cells >> levels), self.moments)
+        return _gather(
+            self.voxel_size_m * 2**levels, self.origin_m, pack(self.cells >> levels), self.moments
+        )
 
     def box(self, low_m: FloatArray, high_m: FloatArray) -> IntArray:
         """Rows of the voxels whose cells meet the closed box [low, high], ascending.
 
-        Descends the tree: the X list gives the slices, their Y lists the columns, their Z lists the voxels,
-        each by binary search.
+        Descends the tree: the X list gives the slices, their Y lists the columns, their Z lists
+        the voxels, each by binary search.
         """
         low, high = (
-            cells_of(np.asarray(corner_m), self.voxel_size_m, self.origin_m) for corner_m in (low_m, high_m)
+            cells_of(np.asarray(corner_m), self.voxel_size_m, self.origin_m)
+            for corner_m in (low_m, high_m)
         )
         prefixes = np.zeros((1, 0), dtype=np.int64)
         for axis in range(3):
@@ -128,7 +133,7 @@ class SkipTree:
         return _ranges(starts, np.searchsorted(self.keys, pack(last), side="right"))
 
     def radius(self, centre_m: FloatArray, radius_m: float) -> IntArray:
-        """Rows of the voxels whose centroid lies within ``radius_m`` of the (3,) centre, ascending."""
+        """Rows of the voxels with centroids within ``radius_m`` of the (3,) centre, ascending."""
         centre_m = np.asarray(centre_m)
         rows = self.box(centre_m - radius_m, centre_m + radius_m)
         offset_m = self.moments[rows].mean + self.origin_m - centre_m
@@ -140,7 +145,7 @@ class SkipTree:
         return columns, np.add.reduceat(self.moments.count, starts)
 
     def project_2_5d(self) -> tuple[IntArray, FloatArray]:
-        """A height map: the (C, 2) occupied columns and the (C,) centroid height of each one's top voxel."""
+        """A height map: (C, 2) occupied columns and (C,) centroid heights of their top voxels."""
         columns, starts = self._columns()
         tops = np.append(starts[1:], len(self.keys)) - 1
         return columns, self.moments[tops].mean[:, 2] + self.origin_m[2]
@@ -151,14 +156,17 @@ class SkipTree:
         return cells[starts, :2], starts
 
 
-def build_tree(points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray | None = None) -> SkipTree:
+def build_tree(
+    points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray | None = None
+) -> SkipTree:
     """Divide (N, 3) points into voxels of ``voxel_size_m``: one sort, one segmented sum.
 
     Args:
         points_m: (N, 3) points, at least one.
         voxel_size_m: edge of a voxel.
-        origin_m: (3,) corner of cell (0, 0, 0). Trees that are to be added need the same one. Default: the
-            whole metre nearest to the points' centre, which keeps float64 sums exact enough anywhere.
+        origin_m: (3,) corner of cell (0, 0, 0). Trees that are to be added need the same one.
+            Default: the whole metre nearest to the points' centre, which keeps float64 sums exact
+            enough anywhere.
 
     Raises:
         ValueError: no points, a voxel size that is not positive, or points too far from the origin.
@@ -174,7 +182,9 @@ def build_tree(points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray |
     return _gather(voxel_size_m, origin_m, keys, moments_of_points(local_m))
 
 
-def _gather(voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: Moments) -> SkipTree:
+def _gather(
+    voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: Moments
+) -> SkipTree:
     """Sort rows by key and add up those that share one."""
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
@@ -185,8 +195,9 @@ def _gather(voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: 
 def _check_same_grid(a: SkipTree, b: SkipTree) -> None:
     if a.voxel_size_m != b.voxel_size_m or not np.array_equal(a.origin_m, b.origin_m):
         raise ValueError(
-            f"the trees have different grids: voxels of {a.voxel_size_m:g} m at {a.origin_m} and of "
-            f"{b.voxel_size_m:g} m at {b.origin_m}; build both with the same voxel_size_m and origin_m"
+            f"the trees have different grids: voxels of {a.voxel_size_m:g} m at {a.origin_m} and "
+            f"of {b.voxel_size_m:g} m at {b.origin_m}; build both with the same voxel_size_m and "
+            "origin_m"
         )
 
 
