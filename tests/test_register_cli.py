@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from skipnet.clouds.formats import read_points, write_ply
-from skipnet.geometry import pose_error, transform_points
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.geometry import invert, pose_error, transform_points
+from skipnet.simulation.pairs import simulate_pair, simulate_scans
 
 ROOT = Path(__file__).parents[1]
 PAIR_FILES = {"result.json", "aligned.ply", "before_after.png", "report.html"}
@@ -63,6 +63,25 @@ def test_two_files_come_out_registered_with_every_result(stand, pair):
     assert (stand / "out" / "first" / "before_after.png").read_bytes().startswith(b"\x89PNG")
     page = (stand / "out" / "first" / "report.html").read_text()
     assert "http" not in page and ">registered<" in page and 'src="data:image/png;base64,' in page
+
+
+def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):
+    scans, _ = simulate_scans("paper_room", 1, 3, points=40_000)
+    for name, scan in zip("abc", scans, strict=True):
+        write_ply(tmp_path / f"{name}.ply", scan.points_m)
+    run = register_py(tmp_path, "scans=[a.ply,b.ply,c.ply]", "output_dir=out")
+    assert (run.returncode, run.stderr) == (0, "")
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"poses.json", "merged.ply", "scans.png", "report.html"}
+
+    poses = json.loads((tmp_path / "out" / "poses.json").read_text())
+    assert [scan["path"] for scan in poses["scans"]] == ["a.ply", "b.ply", "c.ply"]
+    for written_scan, scan in zip(poses["scans"], scans, strict=True):
+        T_true = invert(scans[0].T_world_sensor) @ scan.T_world_sensor
+        rotation_rad, translation_m = pose_error(np.array(written_scan["T_first_scan"]), T_true)
+        assert np.rad2deg(rotation_rad) < 0.5 and translation_m < 0.03
+    merged_m = read_points(tmp_path / "out" / "merged.ply")
+    assert len(merged_m) == sum(len(scan.points_m) for scan in scans)
 
 
 def test_scans_of_nothing_in_common_exit_with_3_and_still_write_everything(tmp_path):

@@ -92,9 +92,9 @@ def register_scan_files(
         FileNotFoundError: an input is missing; nothing has been written.
         ValueError: an input is no point cloud, or would be overwritten; nothing has been written.
     """
+    clouds_m = _read_inputs(scans, output_dir, SCANS_OUTPUTS)
     from skipnet.registration.multiview import register_many
 
-    clouds_m = _read_inputs(scans, output_dir, SCANS_OUTPUTS)
     result = register_many(
         clouds_m, voxel_size_m=choices.voxel_size_m, seed=choices.seed, config=choices.registration
     )

@@ -182,7 +182,7 @@ def thin(points_m: FloatArray, most: int = _MOST_DOTS) -> FloatArray:
 
 def _robust_bounds_m(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(3,) lower and upper corner of all but the outermost points."""
-    low_m, high_m = np.percentile(points_m, [0.5, 99.5], axis=0)
+    low_m, high_m = np.percentile(points_m, [0.2, 99.8], axis=0)
     return low_m, high_m
 
 
