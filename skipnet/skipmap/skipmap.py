@@ -67,7 +67,11 @@ class SkipMap:
 
     def find(self, cells: IntArray) -> IntArray:
         """Row of each (..., 3) cell, -1 where there is no effective voxel."""
-        return self._index.find(pack(cells))
+        return self.find_keys(pack(cells))
+
+    def find_keys(self, keys: IntArray) -> IntArray:
+        """As ``find``, for cells that are packed already."""
+        return self._index.find(keys)
 
     def seen_from(self, viewpoint_m: FloatArray | None) -> SkipMap:
         """The same map with normals towards (3,) ``viewpoint_m``; None forgets the viewpoint."""
