@@ -52,10 +52,31 @@ def rotation_angle_rad(rotation: FloatArray) -> FloatArray:
 
 
 def pose_error(T_estimated: FloatArray, T_true: FloatArray) -> tuple[float, float]:
-    """Rotation error in radians (RRE) and translation error in metres (RTE) of one (4, 4) estimate."""
+    """Rotation error in radians (RRE) and translation error in metres (RTE) of one estimate."""
     rotation = T_estimated[:3, :3] @ T_true[:3, :3].T
     offset_m = T_estimated[:3, 3] - T_true[:3, 3]
     return float(rotation_angle_rad(rotation)), float(np.linalg.norm(offset_m))
+
+
+def principal_frame(points_m: FloatArray) -> FloatArray:
+    """The (4, 4) pose ``T_points_principal`` of a frame that (N, 3) points carry with them.
+
+    Its origin is their mean, its axes are their principal directions, each towards the side where
+    they reach farther (positive skewness). What is computed in it does not depend on the frame in
+    which the points are given, nor on how far from that frame's origin they lie.
+
+    >>> L = np.array([[0.0, 0, 0], [4, 0, 0], [0, 1, 0], [0, 0, 0.1]])
+    >>> moved = L + [500_000.0, 0, 0]
+    >>> np.allclose(principal_frame(moved)[:3, 3] - principal_frame(L)[:3, 3], [500_000, 0, 0])
+    True
+    """
+    centre_m = points_m.mean(axis=0, dtype=np.float64)
+    centred_m = points_m - centre_m
+    axes = np.linalg.eigh(centred_m.T @ centred_m)[1][:, ::-1]
+    skewness = ((centred_m @ axes) ** 3).sum(axis=0)
+    axes = axes * np.where(skewness < 0, -1.0, 1.0)
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])  # right-handed, whatever the third skewness says
+    return make_transform(axes, centre_m)
 
 
 def random_rotation(rng: np.random.Generator) -> FloatArray:

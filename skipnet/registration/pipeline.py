@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from skipnet.clouds.cleaning import denoise, validate
 from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
+from skipnet.geometry import invert
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes
 from skipnet.registration.refinement import Refinement, refine
@@ -43,15 +44,16 @@ def register(
     Args:
         source: (N, 3) points in the source's own frame, metres.
         target: (M, 3) points in the target's own frame, metres.
-        source_viewpoint: sensor position in the source's frame: (3,), None when unknown, "auto" to find out.
+        source_viewpoint: sensor position in the source's frame: (3,), None when unknown, "auto" to
+            find out.
         target_viewpoint: likewise for the target.
         voxel_size_m: edge of a voxel; None chooses it from the data.
         seed: of every random choice: the same input and seed give the same result.
         config: everything else; None takes the defaults.
 
     Returns:
-        The pose before and after fine alignment, the verdict and the time of each stage. Not to find a pose
-        is a result ("failed"), not an error.
+        The pose before and after fine alignment, the verdict and the time of each stage. Not to
+        find a pose is a result ("failed"), not an error.
 
     Raises:
         ValueError: the input is not two clouds of finite points that span a surface.
@@ -64,31 +66,60 @@ def register(
         source_m, target_m = (clean(points_m, config) for points_m in clouds)
     with clock("skip-map"):
         size_m = voxel_size_m or choose_voxel_size(source_m, target_m)
-        random_source, random_target = np.random.default_rng(seed).spawn(2)
-        src = describe(source_m, size_m, source_viewpoint, random_source)
-        tgt = describe(target_m, size_m, target_viewpoint, random_target)
-    answer = Answer.none()
-    for generator in config.generators:
-        with clock("hypotheses"):
-            hypotheses = propose(generator, src, tgt, config)
-        with clock("verification"):
-            candidates = np.concatenate([answer.candidates, hypotheses.T_target_source])
-            candidates = shortlist(candidates, src.evidence, tgt.evidence, config.violation_weight)
-        with clock("fine alignment"):
-            answer = settle(candidates, src, tgt, config)
-        if answer.verdict.status == "registered" and answer.verdict.confidence >= CLEAR_CONFIDENCE:
-            break
-    with clock("fine alignment"):
-        T_target_source = polish(answer.T_target_source, src, tgt)
+        scans = [
+            describe(points_m, size_m, viewpoint, seed)
+            for points_m, viewpoint in (
+                (source_m, source_viewpoint),
+                (target_m, target_viewpoint),
+            )
+        ]
+    return register_scans(scans[0], scans[1], config, clock)
+
+
+def register_scans(
+    source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch
+) -> Registration:
+    """As ``register``, for scans that are described already, with one voxel size.
+
+    The search knows neither which scan is called the source nor the frames they were given in, so
+    swapping the scans gives the inverse and moving one of them moves the answer along.
+    """
+    moving, fixed = sorted((source, target), key=lambda scan: scan.rank)
+    answer = search(moving, fixed, config, clock)
+    if moving is not source:
+        answer = answer.mapped(invert, answer.T_target_source[:3, :3].T)
+    answer = answer.mapped(
+        lambda T_own: target.T_given_own @ T_own @ invert(source.T_given_own),
+        target.T_given_own[:3, :3],
+    )
     return Registration(
-        T_target_source=T_target_source,
+        T_target_source=answer.T_target_source,
         T_target_source_coarse=answer.T_target_source_coarse,
         status=answer.verdict.status,
         confidence=answer.verdict.confidence,
         reason=answer.verdict.reason,
         timings_s=clock.seconds,
-        details=answer.details(size_m, src, tgt),
+        details=answer.details(source, target),
     )
+
+
+def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:
+    """Propose, verify and refine, one generator after the other until the verdict is clear."""
+    answer = Answer.none()
+    for generator in config.generators:
+        with clock("hypotheses"):
+            hypotheses = propose(generator, source, target, config)
+        with clock("verification"):
+            candidates = np.concatenate([answer.candidates, hypotheses.T_target_source])
+            candidates = shortlist(
+                candidates, source.evidence, target.evidence, config.violation_weight
+            )
+        with clock("fine alignment"):
+            answer = settle(candidates, source, target, config)
+        if answer.verdict.status == "registered" and answer.verdict.confidence >= CLEAR_CONFIDENCE:
+            break
+    with clock("fine alignment"):
+        return replace(answer, T_target_source=polish(answer.T_target_source, source, target))
 
 
 def clean(points_m: FloatArray, config: RegistrationConfig) -> FloatArray:
@@ -98,7 +129,9 @@ def clean(points_m: FloatArray, config: RegistrationConfig) -> FloatArray:
     return points_m[denoise(points_m, config.denoise_neighbours, config.denoise_sigma)]
 
 
-def propose(generator: Generator, source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+def propose(
+    generator: Generator, source: Scan, target: Scan, config: RegistrationConfig
+) -> Hypotheses:
     """Candidate poses of one generator."""
     size_m = source.skipmap.voxel_size_m
     if generator is Generator.planes:
@@ -125,16 +158,40 @@ class Answer:
     @staticmethod
     def none() -> Answer:
         """Before any candidate: the identity, failed."""
-        verdict = Verdict("failed", 0.0, "the scans offered no feature from which to propose a pose")
+        verdict = Verdict(
+            "failed", 0.0, "the scans offered no feature from which to propose a pose"
+        )
         return Answer(np.zeros((0, 4, 4)), np.eye(4), np.eye(4), verdict, None)
 
-    def details(self, voxel_size_m: float, source: Scan, target: Scan) -> dict[str, object]:
+    def mapped(self, change: Callable[[FloatArray], FloatArray], rotation: FloatArray) -> Answer:
+        """The same answer between other frames.
+
+        Args:
+            change: maps (..., 4, 4) poses to those between the new frames.
+            rotation: (3, 3) from the old target frame to the new one.
+        """
+        poses = [change(T) for T in (self.candidates, self.T_target_source)]
+        coarse = change(self.T_target_source_coarse)
+        if self.findings is None:
+            return Answer(poses[0], poses[1], coarse, self.verdict, None)
+        findings = replace(
+            self.findings,
+            free_directions=self.findings.free_directions @ rotation.T,
+            alternatives=change(self.findings.alternatives),
+        )
+        return Answer(poses[0], poses[1], coarse, decide(findings), findings)
+
+    def details(self, source: Scan, target: Scan) -> dict[str, object]:
         """What was assumed and found, for reports."""
         found = self.findings
+        viewpoints_m = [
+            None if scan.viewpoint_given_m is None else scan.viewpoint_given_m.tolist()
+            for scan in (source, target)
+        ]
         return {
-            "voxel_size_m": voxel_size_m,
-            "source_viewpoint_m": None if source.viewpoint_m is None else source.viewpoint_m.tolist(),
-            "target_viewpoint_m": None if target.viewpoint_m is None else target.viewpoint_m.tolist(),
+            "voxel_size_m": source.skipmap.voxel_size_m,
+            "source_viewpoint_m": viewpoints_m[0],
+            "target_viewpoint_m": viewpoints_m[1],
             "overlap": found and found.overlap,
             "violation": found and found.violation,
             "margin": found and found.margin,
@@ -145,12 +202,14 @@ class Answer:
         }
 
 
-def settle(candidates: FloatArray, source: Scan, target: Scan, config: RegistrationConfig) -> Answer:
+def settle(
+    candidates: FloatArray, source: Scan, target: Scan, config: RegistrationConfig
+) -> Answer:
     """Refine the candidates a little, judge them again with all evidence, and decide."""
     if len(candidates) == 0:
         return Answer.none()
     levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
-    fine = refine(candidates, levels, samples=config.refine_samples)
+    fine = refine(candidates, levels, samples=config.refine_samples, max_steps=5)
     score = judge(
         fine.T_target_source,
         source.evidence,
@@ -164,7 +223,9 @@ def settle(candidates: FloatArray, source: Scan, target: Scan, config: Registrat
     kept = order[distinct(fine.T_target_source[order], source.evidence.points_m, 2 * size_m)]
     findings = summarise(fine, score, kept, size_m)
     best = kept[0]
-    return Answer(candidates, fine.T_target_source[best], candidates[best], decide(findings), findings)
+    return Answer(
+        candidates, fine.T_target_source[best], candidates[best], decide(findings), findings
+    )
 
 
 def summarise(fine: Refinement, score: Score, kept: IntArray, voxel_size_m: float) -> Findings:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.features.primitives import Planes, find_planes
+from skipnet.geometry import invert, principal_frame, transform_points
 from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
@@ -19,8 +20,14 @@ Viewpoint = str | FloatArray | list[float] | None
 
 @dataclass(frozen=True)
 class Scan:
-    """A described scan; every member is in the scan's own frame."""
+    """A described scan, in the principal frame of its own points.
 
+    Voxels laid in that frame move along with the scan, so the result of a registration does not
+    depend on the frames in which the scans are given.
+    """
+
+    T_given_own: FloatArray
+    """(4, 4) from the scan's own frame, in which all the rest is, to the frame it was given in."""
     skipmap: SkipMap
     """At the voxel size: what features, hypotheses and verification use."""
     coarse: SkipMap
@@ -36,32 +43,53 @@ class Scan:
         """(3,) where it was taken from; None when that is unknown."""
         return self.skipmap.viewpoint_m
 
+    @property
+    def viewpoint_given_m(self) -> FloatArray | None:
+        """As ``viewpoint_m``, in the frame that the scan was given in."""
+        if self.viewpoint_m is None:
+            return None
+        return transform_points(self.T_given_own, self.viewpoint_m[None])[0]
+
+    @property
+    def rank(self) -> tuple[int, int, float]:
+        """Orders scans by themselves alone: occupied voxels, then points, then spread."""
+        moments = self.fine_tree.moments
+        return len(moments), int(moments.count.sum()), float(moments.second.sum())
+
     def fine_skipmap(self) -> SkipMap:
         """The Skip-map at half the voxel size, built when asked for."""
         return skipmap_of_tree(self.fine_tree, self.viewpoint_m)
 
 
 def describe(
-    points_m: FloatArray, voxel_size_m: float, viewpoint: Viewpoint, rng: np.random.Generator
+    points_m: FloatArray, voxel_size_m: float, viewpoint: Viewpoint, seed: int = 0
 ) -> Scan:
     """Build a scan's Skip-maps, find out its viewpoint and read off its planes.
 
     Args:
-        points_m: (N, 3) points.
+        points_m: (N, 3) points, in any frame.
         voxel_size_m: edge of a voxel at the middle level.
-        viewpoint: see ``Viewpoint``.
-        rng: draws the order in which the judge samples voxels.
+        viewpoint: see ``Viewpoint``; in the frame of the points.
+        seed: of the order in which the judge samples voxels.
     """
+    T_given_own = principal_frame(points_m)
+    T_own_given = invert(T_given_own)
+    points_m = transform_points(T_own_given, points_m)
     fine_tree = build_tree(points_m, voxel_size_m / 2)
     tree = fine_tree.coarser()
     skipmap = skipmap_of_tree(tree)
     if isinstance(viewpoint, str):
-        viewpoint = find_viewpoint(skipmap)
-    skipmap = skipmap.seen_from(None if viewpoint is None else np.asarray(viewpoint, np.float64))
+        viewpoint_m = find_viewpoint(skipmap, T_own_given[:3, 3])
+    elif viewpoint is not None:
+        viewpoint_m = transform_points(T_own_given, np.array([viewpoint], np.float64))[0]
+    else:
+        viewpoint_m = None
+    skipmap = skipmap.seen_from(viewpoint_m)
     return Scan(
+        T_given_own=T_given_own,
         skipmap=skipmap,
         coarse=skipmap_of_tree(tree.coarser(), skipmap.viewpoint_m),
         fine_tree=fine_tree,
-        evidence=build_evidence(skipmap, points_m, rng),
+        evidence=build_evidence(skipmap, points_m, np.random.default_rng(seed)),
         planes=find_planes(skipmap),
     )

@@ -14,13 +14,13 @@ and moving ones several times as much."""
 _BINS = 160
 
 
-def find_viewpoint(skipmap: SkipMap) -> FloatArray | None:
+def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
     """The origin if the scan can have been taken from there, else None.
 
     Args:
         skipmap: the scan's Skip-map; its own viewpoint does not matter.
+        origin_m: (3,) origin of the frame in which the scan was given, in the Skip-map's frame.
     """
-    origin_m = np.zeros(3)
     return origin_m if hidden_share(skipmap, origin_m) <= MAX_HIDDEN_SHARE else None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from skipnet.geometry import invert, principal_frame, transform_points
 from skipnet.skipmap.cells import CELL_MAX, cells_of, pack, unpack
 from skipnet.types import FloatArray
 
@@ -13,26 +14,27 @@ MIN_POINTS_PER_VOXEL = 5
 """Mean points per voxel below which curvature and normals are guesses."""
 
 
-def choose_voxel_size(source_m: FloatArray, target_m: FloatArray) -> float:
-    """The voxel size for a pair of scans, from their own extent and density.
+def choose_voxel_size(*clouds_m: FloatArray) -> float:
+    """The voxel size for scans of one scene, from their own extent and density.
 
     Each scan asks for the size at which it occupies ``TARGET_VOXELS`` voxels, or fewer where it is
-    too sparse for that; the larger of both sizes serves both.
+    too sparse for that; the largest of these sizes serves all. Moving a scan rigidly does
+    not matter.
 
     Args:
-        source_m: (N, 3) points.
-        target_m: (M, 3) points.
+        clouds_m: (N, 3) points of each scan.
 
     Returns:
         Voxel size in the points' unit, to two digits: small changes of the input leave it alone.
     """
-    size_m = max(_size_for_one(source_m), _size_for_one(target_m))
+    size_m = max(_size_for_one(points_m) for points_m in clouds_m)
     return float(f"{size_m:.2g}")
 
 
 def _size_for_one(points_m: FloatArray) -> float:
     """Count occupied voxels over doubling sizes and interpolate to the goal, both logarithmic."""
     goal = min(TARGET_VOXELS, len(points_m) / MIN_POINTS_PER_VOXEL)
+    points_m = transform_points(invert(principal_frame(points_m)), points_m)
     centre_m = np.median(points_m, axis=0)
     distance_m = np.linalg.norm(points_m - centre_m, axis=1)
     spread_m = float(np.quantile(distance_m, 0.75)) or float(distance_m.max())
