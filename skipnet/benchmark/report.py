@@ -22,6 +22,7 @@ from skipnet.benchmark.tables import (
     Table,
     failures_table,
     means_table,
+    number,
     pairs_table,
     sets_table,
     stages_table,
@@ -127,10 +128,10 @@ def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:
     paper_times = paper_icp["time_s"] / (paper_coarse["time_s"] + paper_fine["time_s"])
     paper_errors = paper_icp["mean_error_mm"] / paper_fine["mean_error_mm"]
     return [
-        f"ICP directly takes {times:.3g} times as long as skipnet's coarse and fine match together "
-        f"(in the paper {paper_times:.3g} times).",
-        f"Its median error is {errors:.3g} times that of skipnet's fine match "
-        f"(in the paper {paper_errors:.3g} times).",
+        f"ICP directly takes {number(times)} times as long as skipnet's coarse and fine match "
+        f"together (in the paper {number(paper_times)} times).",
+        f"Its median error is {number(errors)} times that of skipnet's fine match "
+        f"(in the paper {number(paper_errors)} times).",
     ]
 
 
@@ -192,8 +193,8 @@ def write_dashboard(
                 if math.isfinite(getattr(row, measure)):
                     tag = f"{measure} by pair/{row.method}_{row.stage}"
                     log_scalars(writer, {tag: getattr(row, measure)}, step_of[row.pair])
-        for number, table in enumerate(tables, start=1):
-            writer.add_text(f"{number}. {table.title}", table.markdown())
+        for place, table in enumerate(tables, start=1):
+            writer.add_text(f"{place}. {table.title}", table.markdown())
         for name, png in pictures.items():
             log_png(writer, f"figures/{name}", png)
 
