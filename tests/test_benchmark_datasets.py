@@ -102,3 +102,12 @@ def test_repeated_names_are_refused():
 def test_no_simulated_pairs_are_refused():
     with pytest.raises(ValueError, match="pairs=0"):
         simulated_pairs("paper_room", 0)
+
+
+@pytest.mark.parametrize(
+    "options", [{"family": "dorway"}, {"scanner": "kinect"}, {"rotation": "roll"}]
+)
+def test_unknown_choices_are_refused_before_any_pair_is_made(options):
+    (name,) = options
+    with pytest.raises(ValueError, match=f"{name}=.*expected one of"):
+        simulated_pairs(**{"family": "doorway", "count": 1, **options})

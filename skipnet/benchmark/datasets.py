@@ -6,6 +6,7 @@ loads only what is missing. The truth is inside each ``Pair``; only the scorer l
 
 from __future__ import annotations
 
+import difflib
 import json
 import zlib
 from collections.abc import Callable, Iterator
@@ -60,10 +61,16 @@ def simulated_pairs(
         rotation: "yaw" keeps the second scanner upright, "any" turns it freely.
         points: beams per scan; None takes the scanner's own number.
     """
-    from skipnet.simulation.pairs import simulate_pair
+    from skipnet.simulation.pairs import ROTATIONS, simulate_pair
+    from skipnet.simulation.scanner import SCANNERS
+    from skipnet.simulation.scenes import FAMILIES
 
     if count < 1:
         raise ValueError(f"pairs={count}: expected at least one simulated pair")
+    # Here, not at the first pair: a run that cannot start should leave no folder behind.
+    _check_known("family", family, FAMILIES)
+    _check_known("scanner", scanner, tuple(SCANNERS))
+    _check_known("rotation", rotation, ROTATIONS)
 
     def load(index: int) -> Pair:
         simulated = simulate_pair(family, seed + index, scanner, rotation, points)
@@ -122,6 +129,13 @@ def move_source(pair: Pair, seed: int, turn: bool, shift_m: float) -> Pair:
         source_viewpoint_m=viewpoint_m,
         T_target_source=pair.T_target_source @ invert(T_moved_source),
     )
+
+
+def _check_known(option: str, given: str, known: tuple[str, ...]) -> None:
+    if given not in known:
+        near = difflib.get_close_matches(given, known, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise ValueError(f"{option}={given}: {hint}expected one of {', '.join(known)}")
 
 
 def _read_entries(folder: Path, sets: list[str] | None) -> list[dict[str, Any]]:
