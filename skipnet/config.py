@@ -43,6 +43,7 @@ class Generator(Enum):
     corners = "corners"
     edges = "edges"
     planes = "planes"
+    slides = "slides"
     descriptors = "descriptors"
 
 
@@ -51,7 +52,7 @@ class RegistrationConfig:
     """Options of the registration itself; the defaults serve any scan."""
 
     generators: list[Generator] = field(
-        default_factory=lambda: [Generator.planes, Generator.descriptors]
+        default_factory=lambda: [Generator.planes, Generator.slides, Generator.descriptors]
     )
     """Asked in this order; a later one only while the verdict is not clear yet."""
     denoise: bool = False
@@ -60,8 +61,8 @@ class RegistrationConfig:
     """Nearest neighbours whose mean distance is looked at."""
     denoise_sigma: float = 1.0
     """Standard deviations above the mean from which a point is dropped."""
-    violation_weight: float = 12.0
-    """What a voxel in seen free space costs, in matched voxels."""
+    violation_weight: float = 60.0
+    """How fast voxels in seen free space devalue a pose: 1 / weight of all leave it 37 % (1 / e)."""
     max_correspondences: int = 1500
     """Descriptor matches that enter the compatibility graph."""
     refine_samples: int = 1500

@@ -15,7 +15,7 @@ from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import invert
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
-from skipnet.registration.plane_hypotheses import from_planes
+from skipnet.registration.plane_hypotheses import from_planes, from_slides
 from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan, Viewpoint, describe
 from skipnet.registration.verdict import Findings, Verdict, decide, free_directions
@@ -134,10 +134,13 @@ def propose(
 ) -> Hypotheses:
     """Candidate poses of one generator."""
     size_m = source.skipmap.voxel_size_m
-    if generator is Generator.planes:
+    if generator in (Generator.planes, Generator.slides):
         both_seen = source.viewpoint_m is not None and target.viewpoint_m is not None
         planes = source.planes if both_seen else source.planes.with_both_signs()
-        return from_planes(planes, target.planes, size_m)
+        if generator is Generator.planes:
+            return from_planes(planes, target.planes, size_m)
+        voxels = source.skipmap.centroids_m, target.skipmap.centroids_m
+        return from_slides(planes, target.planes, *voxels, size_m)
     rows_s, rows_t, distance = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
     best = np.argsort(distance, kind="stable")[: config.max_correspondences]
     source_m = source.skipmap.centroids_m[rows_s[best]]

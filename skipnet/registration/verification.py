@@ -69,7 +69,7 @@ class Score:
     """The judge's figures for C candidates; every array is (C,)."""
 
     total: FloatArray
-    """Overlap both ways minus the free-space penalty; at most 2."""
+    """Overlap, discounted for violations: overlap * exp(-weight * violation), 0 to 1."""
     overlap: FloatArray
     """Mean of both ways' matched shares, 0 to 1."""
     violation: FloatArray
@@ -142,18 +142,16 @@ def judge(
         source: the source's evidence.
         target: the target's evidence.
         samples: voxels to look at in each scan; the first so many of its sampling order.
-        violation_weight: what one voxel in seen free space costs, in matched voxels.
+        violation_weight: how fast contradictions devalue a pose; at 1 / weight of all voxels
+            its overlap counts for 37 % (1 / e).
         max_distance_voxels: largest distance from the other scan's local plane.
         min_normal_cosine: smallest cosine between matching normals.
     """
     limits = (max_distance_voxels, min_normal_cosine)
     match_s, violation_s = _one_way(T_target_source, source, target, samples, *limits)
     match_t, violation_t = _one_way(invert(T_target_source), target, source, samples, *limits)
-    return Score(
-        total=match_s + match_t - violation_weight * (violation_s + violation_t),
-        overlap=0.5 * (match_s + match_t),
-        violation=0.5 * (violation_s + violation_t),
-    )
+    overlap, violation = 0.5 * (match_s + match_t), 0.5 * (violation_s + violation_t)
+    return Score(overlap * np.exp(-violation_weight * violation), overlap, violation)
 
 
 def shortlist(
