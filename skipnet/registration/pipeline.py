@@ -118,8 +118,7 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
             answer = settle(candidates, source, target, config)
         if answer.verdict.status == "registered" and answer.verdict.confidence >= CLEAR_CONFIDENCE:
             break
-    with clock("fine alignment"):
-        return replace(answer, T_target_source=polish(answer.T_target_source, source, target))
+    return answer
 
 
 def clean(points_m: FloatArray, config: RegistrationConfig) -> FloatArray:
@@ -224,36 +223,46 @@ def settle(
     order = np.argsort(-score.total, kind="stable")
     size_m = source.skipmap.voxel_size_m
     kept = order[distinct(fine.T_target_source[order], source.evidence.points_m, 2 * size_m)]
-    findings = summarise(fine, score, kept, size_m)
-    best = kept[0]
+    best = polish(fine.T_target_source[kept[0]], source, target)
+    findings = summarise(best, fine.T_target_source, score, kept, size_m)
     return Answer(
-        candidates, fine.T_target_source[best], candidates[best], decide(findings), findings
+        candidates, best.T_target_source[0], candidates[kept[0]], decide(findings), findings
     )
 
 
-def summarise(fine: Refinement, score: Score, kept: IntArray, voxel_size_m: float) -> Findings:
-    """What the verdict rests on, for the best of the distinct poses ``kept`` (best first)."""
+def summarise(
+    fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray, voxel_size_m: float
+) -> Findings:
+    """What the verdict rests on.
+
+    Args:
+        fine: the best pose, polished.
+        T_target_source: (K, 4, 4) all refined candidates.
+        score: the judge's figures for these.
+        kept: rows of the distinct ones, best first.
+        voxel_size_m: edge of a voxel.
+    """
     best, rivals = kept[0], kept[1:]
-    top = max(float(score.total[best]), 1e-6)
+    top = max(float(score.total[best]), 1e-9)
     lead = (top - score.total[rivals]) / top
     return Findings(
         overlap=float(score.overlap[best]),
         violation=float(score.violation[best]),
         margin=float(lead.min()) if len(rivals) else 1.0,
-        matched=int(fine.matched[best]),
-        residual_voxels=float(fine.residual_m[best] / voxel_size_m),
-        free_directions=free_directions(fine.information[best]),
-        alternatives=fine.T_target_source[rivals[lead < AMBIGUOUS_LEAD]],
+        matched=int(fine.matched[0]),
+        residual_voxels=float(fine.residual_m[0] / voxel_size_m),
+        free_directions=free_directions(fine.information[0], fine.matched[0]),
+        alternatives=T_target_source[rivals[lead < AMBIGUOUS_LEAD]],
     )
 
 
-def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> FloatArray:
-    """The final fine alignment, with every voxel at the middle and the fine level."""
+def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinement:
+    """The final fine alignment of one (4, 4) pose, with every voxel at the middle and fine level."""
     levels = [
         (source.skipmap, target.skipmap),
-        (source.fine_skipmap(), target.fine_skipmap()),
+        (source.fine_skipmap, target.fine_skipmap),
     ]
-    return refine(T_target_source[None], levels).T_target_source[0]
+    return refine(T_target_source[None], levels)
 
 
 class Stopwatch:

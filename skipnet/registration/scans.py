@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -56,6 +57,7 @@ class Scan:
         moments = self.fine_tree.moments
         return len(moments), int(moments.count.sum()), float(moments.second.sum())
 
+    @cached_property
     def fine_skipmap(self) -> SkipMap:
         """The Skip-map at half the voxel size, built when asked for."""
         return skipmap_of_tree(self.fine_tree, self.viewpoint_m)

@@ -16,6 +16,8 @@ MIN_CONFIDENCE = 0.8
 """A pose counts as registered from here on."""
 MIN_DETERMINED = 1e-3
 """A direction that holds less than this share of the normals' information is free to slide."""
+MIN_DETERMINING_VOXELS = 5.0
+"""... and so is one that fewer voxels than this face."""
 FEATURES = ("overlap", "violation", "margin", "matched", "residual")
 
 
@@ -89,18 +91,20 @@ def confidence_of(features: FloatArray) -> float:
     return float(1 / (1 + np.exp(-(features @ weights + bias))))
 
 
-def free_directions(information: FloatArray) -> FloatArray:
-    """(F, 3) directions along which the matched normals do not hold the translation.
+def free_directions(information: FloatArray, matched: int) -> FloatArray:
+    """(F, 3) unit directions along which the matched normals do not hold the translation.
 
     Args:
         information: (6, 6) normal matrix of (rotation, translation).
+        matched: correspondences that it sums over.
     """
     held = information[3:, 3:]
     trace = np.trace(held)
     if trace <= 0:
         return np.eye(3)
-    values, vectors = np.linalg.eigh(held / trace)
-    return vectors[:, values < MIN_DETERMINED].T
+    share, vectors = np.linalg.eigh(held / trace)
+    free = (share < MIN_DETERMINED) | (share * matched < MIN_DETERMINING_VOXELS)
+    return vectors[:, free].T
 
 
 @cache
