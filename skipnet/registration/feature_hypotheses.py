@@ -22,7 +22,7 @@ def from_corners(
     same_class: bool = True,
     max_correspondences: int = 1500,
 ) -> Hypotheses:
-    """The paper's coarse match: corners of equal class are matched, R and t solved from sets of them.
+    """The paper's coarse match: corners of equal class are matched, R and t solved from sets.
 
     Every corner may correspond to every one of its class; sets that keep their distances survive.
 
@@ -54,8 +54,8 @@ def from_edges(
 ) -> Hypotheses:
     """Two edges that are not parallel fix a pose: pairs with equal angle and distance correspond.
 
-    The frame of a pair sits on its common perpendicular; an edge has no sign, so each correspondence gives
-    four poses.
+    The frame of a pair sits on its common perpendicular; an edge has no sign, so each
+    correspondence gives four poses.
 
     Args:
         source: edges of the source.
@@ -107,7 +107,7 @@ def _angle_and_gap(lines: Lines, i: IntArray, j: IntArray) -> tuple[FloatArray, 
 def _pair_frames(
     lines: Lines, i: IntArray, j: IntArray, signs: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(P, 3) middles of the common perpendiculars and (P, 3, 3) right-handed frames of the directions."""
+    """(P, 3) middles of the common perpendiculars, (P, 3, 3) frames of the directions."""
     first, second = lines.directions[i] * signs[0], lines.directions[j] * signs[1]
     between_m = lines.points_m[j] - lines.points_m[i]
     cosine = (first * second).sum(axis=1)

@@ -257,7 +257,7 @@ def summarise(
 
 
 def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinement:
-    """The final fine alignment of one (4, 4) pose, with every voxel at the middle and fine level."""
+    """The final fine alignment of one (4, 4) pose, with every voxel of the two finer levels."""
     levels = [
         (source.skipmap, target.skipmap),
         (source.fine_skipmap, target.fine_skipmap),
