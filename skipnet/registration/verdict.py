@@ -43,15 +43,17 @@ class Findings:
     @property
     def features(self) -> FloatArray:
         """What the confidence is computed from, in the order of ``FEATURES``."""
-        return np.array(
-            [
-                self.overlap,
-                np.sqrt(self.violation),
-                min(self.margin, 1.0),
-                np.log10(1 + self.matched),
-                self.residual_voxels,
-            ]
+        return self.features_from(
+            self.overlap, self.violation, self.margin, self.matched, self.residual_voxels
         )
+
+    @staticmethod
+    def features_from(
+        overlap: float, violation: float, margin: float, matched: int, residual_voxels: float
+    ) -> FloatArray:
+        """(F,) features of figures as this class holds them."""
+        logarithm = np.log10(1 + matched)
+        return np.array([overlap, np.sqrt(violation), min(margin, 1.0), logarithm, residual_voxels])
 
 
 @dataclass(frozen=True)

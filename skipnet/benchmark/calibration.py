@@ -1,0 +1,139 @@
+"""Fitting the verdict's confidence on simulated pairs: ``python -m skipnet.benchmark.calibration``.
+
+Positives are pairs of every simulated family, undisturbed and with passers-by; negatives are scans of two
+different scenes of one family, which for paper rooms means the same shell with other furniture. No
+real cloud takes part. The seeds lie apart from those of training and of the benchmarks.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.clouds.atomic import write_text
+from skipnet.config import RegistrationConfig
+from skipnet.geometry import pose_error
+from skipnet.registration.pipeline import register
+from skipnet.registration.verdict import CALIBRATION_FILE, FEATURES, Findings
+from skipnet.simulation.disturbances import add_passers_by
+from skipnet.simulation.pairs import simulate_pair
+from skipnet.types import FloatArray, Registration
+
+FIRST_SEED = 50_000
+FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
+SCANNERS = ("terrestrial", "rings")
+REGULARISATION = 1.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One registration whose outcome is known."""
+
+    name: str
+    features: FloatArray
+    """(F,) what the verdict saw, in the order of ``FEATURES``."""
+    right: bool
+    """The pose is within the pair's thresholds; never so for scans of different scenes."""
+
+
+def run_trials(scenes_per_family: int, config: RegistrationConfig | None = None) -> Iterator[Trial]:
+    """Register simulated positives and negatives, two of each per scene and scanner."""
+    for family in FAMILIES:
+        for scanner in SCANNERS:
+            for index in range(scenes_per_family):
+                yield from _trials_of_scene(family, scanner, FIRST_SEED + 2 * index, config)
+
+
+def _trials_of_scene(
+    family: str, scanner: str, seed: int, config: RegistrationConfig | None
+) -> Iterator[Trial]:
+    pair = simulate_pair(family, seed, scanner=scanner, rotation="any").pair
+    other = simulate_pair(family, seed + 1, scanner=scanner, rotation="any").pair
+    rng = np.random.default_rng(seed)
+    for passers_by in (0, int(rng.integers(1, 6))):
+        source_m = add_passers_by(pair.source_m, passers_by, rng)
+        for target_m, kind in ((pair.target_m, "same"), (other.target_m, "different")):
+            disturbed_m = add_passers_by(target_m, passers_by, rng)
+            result = register(source_m, disturbed_m, seed=seed, config=config)
+            rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
+            right = (
+                kind == "same"
+                and rotation_rad < pair.success_rotation_rad
+                and translation_m < pair.success_translation_m
+            )
+            features = features_of(result)
+            if features is not None:
+                name = f"{family}/{scanner}/{seed}/{kind}/{passers_by}"
+                yield Trial(name, features, right)
+
+
+def features_of(result: Registration) -> FloatArray | None:
+    """What the verdict saw, from a result's details; None when no candidate was found at all."""
+    found = result.details
+    if found["overlap"] is None:
+        return None
+    return Findings.features_from(
+        *(float(found[name]) for name in ("overlap", "violation", "margin")),  # type: ignore[arg-type]
+        int(found["matched_voxels"]),  # type: ignore[call-overload]
+        float(found["residual_voxels"]),  # type: ignore[arg-type]
+    )
+
+
+def fit(trials: list[Trial]) -> dict[str, object]:
+    """Logistic regression of being right on the features (scikit-learn).
+
+    Returns:
+        What ``confidence.json`` holds: a weight per feature, the bias, and how it was fitted.
+    """
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    features = np.array([trial.features for trial in trials])
+    right = np.array([trial.right for trial in trials])
+    model = make_pipeline(StandardScaler(), LogisticRegression(C=REGULARISATION, max_iter=1000))
+    model.fit(features, right)
+    scaler, logistic = model[0], model[1]
+    weights = logistic.coef_[0] / scaler.scale_
+    return {
+        "weights": {name: round(float(w), 6) for name, w in zip(FEATURES, weights, strict=True)},
+        "bias": round(float(logistic.intercept_[0] - weights @ scaler.mean_), 6),
+        "trials": len(trials),
+        "right": int(right.sum()),
+        "families": list(FAMILIES),
+        "scanners": list(SCANNERS),
+        "first_seed": FIRST_SEED,
+        "regularisation": REGULARISATION,
+    }
+
+
+def expected_calibration_error(confidence: FloatArray, right: FloatArray, bins: int = 10) -> float:
+    """Mean gap between confidence and share of right results over equal bins, by their size.
+
+    Guo et al., "On Calibration of Modern Neural Networks", ICML 2017, eq. 3.
+
+    >>> expected_calibration_error(np.array([0.9, 0.9]), np.array([1.0, 0.0]))
+    0.4
+    """
+    place = np.minimum((confidence * bins).astype(int), bins - 1)
+    count = np.bincount(place, minlength=bins)
+    gap = np.bincount(place, confidence, bins) - np.bincount(place, right, bins)
+    return float(round(np.abs(gap).sum() / max(count.sum(), 1), 12))
+
+
+def main(scenes_per_family: int = 10) -> None:
+    """Run the trials, fit the confidence and replace the shipped ``confidence.json``."""
+    trials = []
+    for trial in run_trials(scenes_per_family):
+        trials.append(trial)
+        figures = " ".join(f"{value:.3f}" for value in trial.features)
+        sys.stderr.write(f"{'right' if trial.right else 'wrong'} {trial.name} {figures}\n")
+    write_text(CALIBRATION_FILE, json.dumps(fit(trials), indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main(*(int(argument) for argument in sys.argv[1:2]))
