@@ -1,8 +1,8 @@
 """Fitting the verdict's confidence on simulated pairs: ``python -m skipnet.benchmark.calibration``.
 
-Positives are pairs of every simulated family, undisturbed and with passers-by; negatives are scans of two
-different scenes of one family, which for paper rooms means the same shell with other furniture. No
-real cloud takes part. The seeds lie apart from those of training and of the benchmarks.
+Positives are pairs of every simulated family, undisturbed and with passers-by; negatives are scans
+of two different scenes of one family, which for paper rooms means the same shell with other
+furniture. No real cloud takes part. The seeds lie apart from those of training and the benchmarks.
 """
 
 from __future__ import annotations
