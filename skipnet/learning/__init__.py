@@ -1,1 +1,1 @@
-"""The network that classifies feature voxels, and everything that trains it."""
+"""What the classifier learns from, the network, and how it is trained and judged."""

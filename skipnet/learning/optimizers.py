@@ -96,7 +96,11 @@ class ScaledConjugateGradient(torch.optim.Optimizer):
         return state
 
     def _curvature(
-        self, evaluate: Closure, weights: torch.Tensor, direction: torch.Tensor, descent: torch.Tensor
+        self,
+        evaluate: Closure,
+        weights: torch.Tensor,
+        direction: torch.Tensor,
+        descent: torch.Tensor,
     ) -> torch.Tensor:
         """Second directional derivative by one difference of gradients (step 2)."""
         offset = self.param_groups[0]["sigma"] / direction.norm()

@@ -1,0 +1,228 @@
+"""One experiment: make the data, train the network, judge it on scenes it never saw, write it all."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from skipnet.config import DataConfig, Split, TrainConfig
+from skipnet.learning import reports
+from skipnet.learning.dataset import Recipe, Samples, make_samples, thin
+from skipnet.learning.labels import LabelRule
+from skipnet.learning.network import (
+    SHIPPED_WEIGHTS,
+    Classifier,
+    PatchNetwork,
+    classify,
+    save_classifier,
+)
+from skipnet.learning.peers import predict_with_peers
+from skipnet.learning.scores import confusion_matrix, macro_f1, score
+from skipnet.learning.training import StoppingRules, TrainingOutcome, TrainingSet, train_network
+from skipnet.types import FeatureClass, FloatArray, IntArray
+from skipnet.viz.dashboard import open_dashboard
+
+FIRST_SEED = {"training": 0, "validation": 1000, "test": 2000}
+"""Scenes of the three sets never share a seed."""
+RANDOM_SHARES = (0.70, 0.15, 0.15)
+"""Training, validation and test of a random split (MATLAB's dividerand)."""
+
+
+@dataclass(frozen=True)
+class Sets:
+    """What an experiment learns from and is judged on."""
+
+    training: Samples
+    validation: Samples
+    unseen: Samples
+    """All feature voxels of the test scenes."""
+    held_out: Samples | None
+    """The test part of a random split: other voxels of the training scenes."""
+
+
+def run_experiment(config: TrainConfig) -> dict[str, Any]:
+    """Train and judge as configured; everything is written into ``config.output_dir``.
+
+    Returns:
+        The summary, as in summary.json: what training reached, the scores and the seconds of each part.
+
+    Raises:
+        ValueError: settings that do not fit each other.
+    """
+    folder = Path(config.output_dir)
+    folder.mkdir(parents=True, exist_ok=True)
+    reports.write_config(config, folder / "config.yaml")
+    start_s = time.perf_counter()
+    sets = make_sets(config)
+    seconds = {"data": time.perf_counter() - start_s}
+    with open_dashboard(folder / "tensorboard") as writer:
+        network, outcome = fit(config, sets, partial(reports.log_epoch, writer, sets.validation))
+        seconds["training"] = time.perf_counter() - start_s - seconds["data"]
+        classifier = Classifier(network.float().eval(), make_card(config, sets, outcome))
+        predicted = {"network": predict(classifier, sets.unseen.patches)}
+        if config.compare_sklearn:
+            weights = sample_weights(sets.training, config.frequency_strength)
+            peers, peer_seconds = predict_with_peers(
+                sets.training, weights, sets.unseen.patches, config.seed
+            )
+            predicted |= peers
+            seconds |= peer_seconds
+        scores = {
+            name: score(sets.unseen, classes, config.data.families)
+            for name, classes in predicted.items()
+        }
+        summary = summarise(config, sets, classifier, outcome, scores, seconds)
+        counts = confusion_matrix(sets.unseen.labels, predicted["network"])
+        reports.write_results(folder, summary, scores, counts)
+        reports.log_results(writer, config, summary, counts)
+        reports.log_skipmap(writer, recipe(config.data), classifier, config.data.families[0])
+    save_classifier(classifier, folder / "classifier.pt")
+    if config.ship:
+        save_classifier(classifier, SHIPPED_WEIGHTS)
+    return summary
+
+
+def recipe(data: DataConfig, thinned: bool = False) -> Recipe:
+    """How scans become samples under this configuration."""
+    label = data.label
+    return Recipe(
+        scanner=data.scanner,
+        patch=data.patch.value,
+        rule=LabelRule(label.radius_voxels, label.min_area_voxels2, label.min_beams),
+        most_per_class=data.most_per_class if thinned else None,
+    )
+
+
+def make_sets(config: TrainConfig) -> Sets:
+    """Simulate and label the scenes, and split them."""
+    data = config.data
+
+    def scenes(name: str, count: int, thinned: bool) -> Samples:
+        seeds = range(FIRST_SEED[name], FIRST_SEED[name] + count)
+        return make_samples(data.families, seeds, recipe(data, thinned), data.workers)
+
+    training = scenes("training", data.training_scenes, thinned=True)
+    unseen = scenes("test", data.test_scenes, thinned=False)
+    rng = np.random.default_rng(config.seed)
+    if data.samples is not None:
+        training = draw_evenly(training, data.samples, rng)
+    if data.split is Split.by_scene:
+        validation = scenes("validation", data.validation_scenes, thinned=True)
+        return Sets(training, validation, unseen, held_out=None)
+    parts = split_at_random(len(training), RANDOM_SHARES, rng)
+    return Sets(training[parts[0]], training[parts[1]], unseen, training[parts[2]])
+
+
+def draw_evenly(samples: Samples, count: int, rng: np.random.Generator) -> Samples:
+    """``count`` samples at random, the same number of each class.
+
+    Raises:
+        ValueError: a class has too few, or ``count`` is no multiple of the number of classes.
+    """
+    most, rest = divmod(count, len(FeatureClass))
+    rows, _ = thin(samples.labels, most, rng)
+    if rest or len(rows) != count:
+        have = np.bincount(samples.labels, minlength=len(FeatureClass)).tolist()
+        raise ValueError(
+            f"cannot draw {count} samples evenly from {len(FeatureClass)} classes of {have} voxels; "
+            "give a multiple of 5, or more data.training_scenes"
+        )
+    return samples[rows]
+
+
+def split_at_random(
+    count: int, shares: Sequence[float], rng: np.random.Generator
+) -> list[IntArray]:
+    """Rows 0 to ``count`` in disjoint random parts of the given shares, which sum to 1."""
+    ends = np.round(np.cumsum(shares) * count).astype(np.int64)
+    return [np.sort(part) for part in np.split(rng.permutation(count), ends[:-1])]
+
+
+def sample_weights(samples: Samples, frequency_strength: float) -> FloatArray:
+    """(N,) weights of the loss: thinned classes get back this power of what thinning took."""
+    return samples.weights**frequency_strength
+
+
+def fit(config: TrainConfig, sets: Sets, on_epoch: Any) -> tuple[PatchNetwork, TrainingOutcome]:
+    """Train a network on the sets."""
+    from hydra.utils import instantiate
+
+    torch.manual_seed(config.seed)
+    network = PatchNetwork(config.hidden_sizes)
+    if config.double_precision:
+        network.double()
+    strength = config.frequency_strength
+    outcome = train_network(
+        network,
+        *(
+            TrainingSet(part.patches, part.labels, sample_weights(part, strength))
+            for part in (sets.training, sets.validation)
+        ),
+        instantiate(config.optimizer),
+        StoppingRules(config.epochs, config.goal, config.min_gradient, config.max_fail),
+        batch_size=config.batch_size,
+        cosine_decay=config.cosine_decay,
+        scaling=config.input_scaling.value,
+        seed=config.seed,
+        on_epoch=on_epoch,
+    )
+    return network, outcome
+
+
+def predict(classifier: Classifier, patches: FloatArray) -> IntArray:
+    """(N,) the most probable class."""
+    return classify(classifier, patches).argmax(axis=1)
+
+
+def make_card(config: TrainConfig, sets: Sets, outcome: TrainingOutcome) -> dict[str, Any]:
+    """What the weights are, without their scores: ``summarise`` adds them."""
+    return {
+        "hidden_sizes": list(config.hidden_sizes),
+        "patch": config.data.patch.value,
+        "seed": config.seed,
+        "training_data": {"samples": len(sets.training), "digest": sets.training.digest()},
+        "test_data": {"samples": len(sets.unseen), "digest": sets.unseen.digest()},
+        "stop_reason": outcome.stop_reason,
+        "config": reports.plain(config),
+    }
+
+
+def summarise(
+    config: TrainConfig,
+    sets: Sets,
+    classifier: Classifier,
+    outcome: TrainingOutcome,
+    scores: dict[str, Any],
+    seconds: dict[str, float],
+) -> dict[str, Any]:
+    """What training reached and how well the network does; its scores also go onto the card."""
+    reached = {
+        "stop_reason": outcome.stop_reason,
+        "epochs": outcome.history[-1].epoch,
+        "best_epoch": outcome.best_epoch,
+        "training_loss": outcome.best.training_loss,
+        "validation_loss": outcome.best.validation_loss,
+        "last_training_loss": outcome.history[-1].training_loss,
+    }
+    parts = {"training": sets.training, "validation": sets.validation, "held_out": sets.held_out}
+    for name, part in parts.items():
+        if part is not None and len(part):
+            counts = confusion_matrix(part.labels, predict(classifier, part.patches))
+            reached[f"{name}_accuracy"] = float(np.trace(counts) / counts.sum())
+            reached[f"{name}_macro_f1"] = macro_f1(counts)
+    classifier.card["scores"] = {"reached": reached, "unseen": scores["network"]["all"]}
+    return {
+        "experiment": config.experiment_name,
+        "seed": config.seed,
+        "samples": {"training": len(sets.training), "unseen": len(sets.unseen)},
+        "reached": reached,
+        "unseen": {name: groups["all"] for name, groups in scores.items()},
+        "seconds": seconds,
+    }

@@ -1,0 +1,131 @@
+"""The classifier of feature voxels: a small perceptron, its weights and the card that goes with them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from skipnet.types import FeatureClass, FloatArray
+
+PATCH_SIZE = 125
+SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "classifier.pt"
+
+
+class PatchNetwork(nn.Module):
+    """125 inputs, hidden layers, five outputs; one hidden layer of 50 units is the paper's network.
+
+    The scaling of the inputs belongs to the network and is stored with its weights.
+
+    Args:
+        hidden_sizes: units per hidden layer, each followed by tanh (MATLAB's tansig).
+        outputs: number of classes.
+    """
+
+    input_offset: torch.Tensor
+    input_gain: torch.Tensor
+
+    def __init__(
+        self, hidden_sizes: Sequence[int] = (50,), outputs: int = len(FeatureClass)
+    ) -> None:
+        super().__init__()
+        if not hidden_sizes or min(hidden_sizes) < 1:
+            raise ValueError(f"hidden_sizes must name positive layer sizes, got {hidden_sizes}")
+        self.hidden_sizes = tuple(int(size) for size in hidden_sizes)
+        sizes = (PATCH_SIZE, *self.hidden_sizes)
+        layers: list[nn.Module] = []
+        for inputs, units in zip(sizes, sizes[1:], strict=False):
+            layers += [nn.Linear(inputs, units), nn.Tanh()]
+        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], outputs))
+        self.register_buffer("input_offset", torch.zeros(PATCH_SIZE))
+        self.register_buffer("input_gain", torch.ones(PATCH_SIZE))
+
+    def fit_scaling(self, patches: torch.Tensor, scaling: str = "minmax") -> None:
+        """Take offset and gain of every input from (N, 125) training patches.
+
+        Args:
+            patches: what the network will be trained on.
+            scaling: "minmax" to [-1, 1] as MATLAB's ``mapminmax``, or "standard" to mean 0 and
+                standard deviation 1. An input that never changes gets gain 0 either way, which is the
+                same as leaving it out (MATLAB's ``removeconstantrows``).
+
+        Raises:
+            ValueError: another scaling.
+        """
+        low, high = patches.amin(dim=0), patches.amax(dim=0)
+        if scaling == "minmax":
+            offset, unit = (high + low) / 2, (high - low) / 2
+        elif scaling == "standard":
+            offset, unit = patches.mean(dim=0), patches.std(dim=0, correction=0)
+        else:
+            raise ValueError(f"scaling is {scaling!r}; expected minmax or standard")
+        self.input_offset.copy_(offset)
+        self.input_gain.copy_(torch.where(high > low, 1 / unit.clamp_min(1e-6), 0.0))
+
+    def forward(self, patches: torch.Tensor) -> torch.Tensor:
+        """(N, 125) patches to (N, 5) logits; their softmax is the paper's output layer."""
+        return self.layers((patches - self.input_offset) * self.input_gain)
+
+
+@dataclass(frozen=True)
+class Classifier:
+    """A trained network and its card."""
+
+    network: PatchNetwork
+    card: dict[str, Any]
+    """How it came about: ``hidden_sizes``, ``patch``, configuration, data hash, seed, scores."""
+
+
+def classify(classifier: Classifier, patches: FloatArray) -> FloatArray:
+    """Probabilities of the five classes.
+
+    Args:
+        classifier: from ``load_classifier``.
+        patches: (K, 125) patches of the kind the classifier was trained on.
+
+    Returns:
+        (K, 5) float32, columns in the order of ``FeatureClass``; each row sums to 1.
+
+    Raises:
+        ValueError: patches of another shape.
+    """
+    patches = np.asarray(patches, dtype=np.float32)
+    if patches.ndim != 2 or patches.shape[1] != PATCH_SIZE:
+        raise ValueError(f"patches must be (K, {PATCH_SIZE}), got {patches.shape}")
+    with torch.inference_mode():
+        logits = classifier.network(torch.from_numpy(patches))
+        return torch.softmax(logits, dim=1).numpy()
+
+
+def save_classifier(classifier: Classifier, path: Path) -> None:
+    """Write the weights to ``path`` and the card beside them, with suffix ``.json``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    torch.save(classifier.network.state_dict(), path)
+    path.with_suffix(".json").write_text(json.dumps(classifier.card, indent=2) + "\n")
+
+
+def load_classifier(path: Path | str | None = None) -> Classifier:
+    """Read weights and card; None reads the ones that ship with the package.
+
+    Raises:
+        FileNotFoundError: no weights or no card there.
+        ValueError: the weights do not fit the network that the card describes.
+    """
+    path = SHIPPED_WEIGHTS if path is None else Path(path)
+    card_path = path.with_suffix(".json")
+    for file in (path, card_path):
+        if not file.is_file():
+            raise FileNotFoundError(f"no classifier file {file}; python train.py writes one")
+    card = json.loads(card_path.read_text())
+    network = PatchNetwork(card["hidden_sizes"])
+    try:
+        network.load_state_dict(torch.load(path, weights_only=True), strict=True)
+    except RuntimeError as error:
+        raise ValueError(f"{path} does not fit the network on its card: {error}") from error
+    return Classifier(network.eval(), card)

@@ -1,0 +1,129 @@
+"""What an experiment writes: its run folder and its TensorBoard."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from skipnet.config import TrainConfig
+from skipnet.features.patches import build_patches
+from skipnet.learning.dataset import Recipe, Samples, label_scene
+from skipnet.learning.network import Classifier, PatchNetwork, classify
+from skipnet.learning.scores import CLASS_NAMES, confusion_matrix, macro_f1, table_rows
+from skipnet.learning.training import EpochRecord
+from skipnet.types import FeatureClass, IntArray
+from skipnet.viz import dashboard, pictures
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
+
+PICTURE_SEED = 2000
+"""Scene of the Skip-maps in TensorBoard: the first one of the test."""
+_DRAWN_EPOCHS = 10
+"""The confusion matrix is drawn every so many epochs."""
+
+
+def plain(config: TrainConfig) -> dict[str, Any]:
+    """The configuration as nested dicts of plain values."""
+    from omegaconf import OmegaConf
+
+    container = OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)
+    return dict(container)  # type: ignore[arg-type]
+
+
+def write_config(config: TrainConfig, path: Path) -> None:
+    """The whole configuration as YAML."""
+    from omegaconf import OmegaConf
+
+    path.write_text(OmegaConf.to_yaml(OmegaConf.create(plain(config))))
+
+
+def log_epoch(
+    writer: SummaryWriter, validation: Samples, record: EpochRecord, network: PatchNetwork
+) -> None:
+    """Losses, and on the validation set accuracy, F1, each class's recall, now and then the matrix."""
+    patches = torch.as_tensor(validation.patches, dtype=network.input_gain.dtype)
+    with torch.no_grad():
+        counts = confusion_matrix(validation.labels, network(patches).argmax(dim=1).numpy())
+    recalls = np.diag(counts) / np.maximum(counts.sum(axis=1), 1)
+    values = {
+        "loss/training": record.training_loss,
+        "loss/validation": record.validation_loss,
+        "accuracy/validation": float(np.trace(counts) / counts.sum()),
+        "macro_f1/validation": macro_f1(counts),
+        **{f"recall/{name}": float(r) for name, r in zip(CLASS_NAMES, recalls, strict=True)},
+    }
+    dashboard.log_scalars(writer, values, record.epoch)
+    if record.epoch % _DRAWN_EPOCHS == 0 and record.epoch <= 10 * _DRAWN_EPOCHS:
+        figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)
+        dashboard.log_figure(writer, "confusion/validation", figure, record.epoch)
+
+
+def log_results(
+    writer: SummaryWriter, config: TrainConfig, summary: Mapping[str, Any], counts: IntArray
+) -> None:
+    """The confusion matrix of the unseen scenes, and the run's row among the hyper-parameters."""
+    dashboard.log_confusion_matrix(writer, "unseen", counts, CLASS_NAMES)
+    parameters = {
+        "experiment": config.experiment_name,
+        "optimizer": config.optimizer["_target_"],
+        "hidden_sizes": str(config.hidden_sizes),
+        "patch": config.data.patch.value,
+        "learning_rate": config.learning_rate,
+        "epochs": config.epochs,
+        "training_scenes": config.data.training_scenes,
+        "seed": config.seed,
+    }
+    unseen = summary["unseen"]["network"]
+    scores = {f"hparam/{name}": unseen[name] for name in ("macro_f1", "accuracy")}
+    dashboard.log_hyperparameters(writer, parameters, scores)
+
+
+def log_skipmap(writer: SummaryWriter, recipe: Recipe, classifier: Classifier, family: str) -> None:
+    """The Skip-map of a test scan in 3D: by curvature, by true class, by the network's class."""
+    scan = label_scene(family, PICTURE_SEED, recipe, np.random.default_rng(PICTURE_SEED))[0]
+    centroids_m = scan.skipmap.centroids_m
+    dashboard.log_skipmap_by_curvature(
+        writer, "skipmap/curvature", centroids_m, scan.skipmap.curvatures
+    )
+    patches = build_patches(scan.skipmap, scan.voxels, recipe.patch)
+    predicted = classify(classifier, patches).argmax(axis=1)
+    for name, labels in (("true_class", scan.labels), ("network_class", predicted)):
+        classes = np.full(len(centroids_m), int(FeatureClass.PLANE))
+        classes[scan.voxels] = labels
+        dashboard.log_skipmap_by_class(writer, f"skipmap/{name}", centroids_m, classes)
+
+
+def write_results(
+    folder: Path, summary: Mapping[str, Any], scores: Mapping[str, Any], counts: IntArray
+) -> None:
+    """summary.json, scores.csv, scores.md and the confusion matrix as a picture."""
+    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    rows = table_rows(scores)
+    with (folder / "scores.csv").open("w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+    (folder / "scores.md").write_text(markdown_table(rows))
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)
+    (figures / "confusion.png").write_bytes(pictures.png_bytes(figure))
+
+
+def markdown_table(rows: list[dict[str, Any]]) -> str:
+    """One line per classifier and group: voxels, accuracy, macro-F1 and the F1 of every class."""
+    names = ["macro_f1", *(f"f1_{name}" for name in CLASS_NAMES), "accuracy"]
+    heads = ["classifier", "scenes never seen", "voxels", *names]
+    lines = ["| " + " | ".join(heads) + " |", "|---|---|" + "---:|" * (len(heads) - 2)]
+    for row in rows:
+        cells = [row["classifier"], row["group"], str(row["voxels"])]
+        cells += ["-" if np.isnan(row[name]) else f"{row[name]:.3f}" for name in names]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,233 @@
+"""Train a network until one of MATLAB's stopping rules holds, and say which one it was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch.nn.functional import cross_entropy
+
+from skipnet.learning.network import PatchNetwork
+from skipnet.learning.optimizers import ScaledConjugateGradient
+from skipnet.types import FloatArray, IntArray
+
+OptimizerFactory = Callable[..., torch.optim.Optimizer]
+Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+"""(N, 125) patches, (N,) labels, (N,) weights of mean 1."""
+
+
+@dataclass(frozen=True)
+class StoppingRules:
+    """When training ends; the defaults are those of MATLAB's ``trainscg``."""
+
+    epochs: int = 1000
+    """Passes over the training set at most."""
+    goal: float = 0.0
+    """Training loss, as ``matlab_cross_entropy`` counts it, at which to stop."""
+    min_gradient: float = 1e-6
+    """Length of the full-batch gradient below which to stop; 0 never stops."""
+    max_fail: int = 6
+    """Epochs with a validation loss above the best one since that best one; 0 never stops."""
+
+
+@dataclass(frozen=True)
+class EpochRecord:
+    """Losses (``matlab_cross_entropy``) after one epoch; epoch 0 is before training."""
+
+    epoch: int
+    training_loss: float
+    validation_loss: float
+    gradient_norm: float
+
+
+@dataclass(frozen=True)
+class TrainingOutcome:
+    """What training reached. The network itself holds the weights of ``best_epoch``."""
+
+    stop_reason: str
+    best_epoch: int
+    history: list[EpochRecord]
+
+    @property
+    def best(self) -> EpochRecord:
+        """The record of the epoch whose weights were kept."""
+        return self.history[self.best_epoch]
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """What a network is fitted to, or watched on."""
+
+    patches: FloatArray
+    """(N, 125)."""
+    labels: IntArray
+    """(N,) classes."""
+    weights: FloatArray | None = None
+    """(N,) how much each sample's loss counts; only ratios matter. None counts all alike."""
+
+    def tensors(self, dtype: torch.dtype) -> Batch:
+        """Patches, labels and weights of mean 1.
+
+        Raises:
+            ValueError: no samples, or not one label for each.
+        """
+        count = len(self.labels)
+        if count == 0 or len(self.patches) != count:
+            raise ValueError(
+                f"need one label per patch, got {count} labels for {len(self.patches)} patches"
+            )
+        weights = np.ones(count) if self.weights is None else self.weights / self.weights.mean()
+        return (
+            torch.as_tensor(self.patches, dtype=dtype),
+            torch.as_tensor(self.labels, dtype=torch.int64),
+            torch.as_tensor(weights, dtype=dtype),
+        )
+
+
+def matlab_cross_entropy(
+    logits: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor | None = None
+) -> torch.Tensor:
+    """MATLAB's ``crossentropy``: the mean over outputs x samples, a fifth of PyTorch's for five.
+
+    ``weights`` (N,) multiply each sample's loss; leave them out for weights of 1.
+    """
+    loss = cross_entropy(logits, labels, reduction="none")
+    return (loss if weights is None else loss * weights).mean() / logits.shape[1]
+
+
+def train_network(
+    network: PatchNetwork,
+    training: TrainingSet,
+    validation: TrainingSet,
+    make_optimizer: OptimizerFactory,
+    rules: StoppingRules,
+    *,
+    batch_size: int | None = None,
+    cosine_decay: bool = False,
+    scaling: str = "minmax",
+    seed: int = 0,
+    on_epoch: Callable[[EpochRecord, PatchNetwork], None] | None = None,
+) -> TrainingOutcome:
+    """Fit ``network`` in place; it ends with the weights of the lowest validation loss.
+
+    Args:
+        network: its input scaling is taken from the training patches; its dtype decides the precision.
+        training: the samples to fit.
+        validation: the samples that decide when to stop.
+        make_optimizer: called with the network's parameters.
+        rules: when to stop.
+        batch_size: samples per step; None takes the whole set at once, as MATLAB does.
+        cosine_decay: let the learning rate fall to 0 along half a cosine over all epochs.
+        scaling: of the inputs, see ``PatchNetwork.fit_scaling``.
+        seed: of the order of the mini-batches.
+        on_epoch: called after every epoch with its record and the network as it then is.
+
+    Raises:
+        ValueError: mini-batches with scaled conjugate gradient, which needs one fixed function.
+    """
+    dtype = network.input_gain.dtype
+    train_set, validation_set = training.tensors(dtype), validation.tensors(dtype)
+    network.fit_scaling(train_set[0], scaling)
+    optimizer = make_optimizer(network.parameters())
+    if batch_size is not None and isinstance(optimizer, ScaledConjugateGradient):
+        raise ValueError("scaled conjugate gradient needs the full batch; set batch_size=null")
+    schedule = _cosine_schedule(optimizer, rules.epochs if cosine_decay else None)
+    watch = _Watch(rules)
+    watch.see(network, _loss(network, train_set), _loss(network, validation_set), math.inf)
+    generator = torch.Generator().manual_seed(seed)
+    while watch.stop_reason is None:
+        loss = 0.0
+        for batch in _batches(train_set, batch_size, generator):
+            share = len(batch[1]) / len(train_set[1])
+            loss += share * _step(network, optimizer, batch)
+        schedule.step()
+        gradient = _gradient_norm(network, optimizer) if batch_size is None else math.inf
+        record = watch.see(network, loss, _loss(network, validation_set), gradient)
+        if on_epoch is not None:
+            on_epoch(record, network)
+    network.load_state_dict(watch.best_state)
+    return TrainingOutcome(watch.stop_reason, watch.best_epoch, watch.history)
+
+
+class _Watch:
+    """Keeps the history and the best weights, and knows when to stop."""
+
+    def __init__(self, rules: StoppingRules) -> None:
+        self.rules = rules
+        self.history: list[EpochRecord] = []
+        self.best_epoch, self.best_loss, self.fails = 0, math.inf, 0
+        self.best_state: dict[str, torch.Tensor] = {}
+        self.stop_reason: str | None = None
+
+    def see(
+        self, network: PatchNetwork, training_loss: float, validation_loss: float, gradient: float
+    ) -> EpochRecord:
+        record = EpochRecord(len(self.history), training_loss, validation_loss, gradient)
+        self.history.append(record)
+        if validation_loss < self.best_loss:
+            self.best_epoch, self.best_loss, self.fails = record.epoch, validation_loss, 0
+            self.best_state = {name: value.clone() for name, value in network.state_dict().items()}
+        elif validation_loss > self.best_loss:
+            self.fails += 1
+        self.stop_reason = self._reason(record)
+        return record
+
+    def _reason(self, record: EpochRecord) -> str | None:
+        rules = self.rules
+        if not math.isfinite(record.training_loss):
+            return "the training loss is no longer finite"
+        if record.training_loss <= rules.goal:
+            return f"goal {rules.goal:g} reached"
+        if record.gradient_norm < rules.min_gradient:
+            return f"gradient below {rules.min_gradient:g}"
+        if rules.max_fail and self.fails >= rules.max_fail:
+            return f"validation loss above its best for {rules.max_fail} epochs"
+        if record.epoch >= rules.epochs:
+            return f"all {rules.epochs} epochs done"
+        return None
+
+
+def _batches(samples: Batch, size: int | None, generator: torch.Generator) -> Iterator[Batch]:
+    if size is None:
+        yield samples
+        return
+    for chosen in torch.randperm(len(samples[1]), generator=generator).split(size):
+        yield samples[0][chosen], samples[1][chosen], samples[2][chosen]
+
+
+def _step(network: PatchNetwork, optimizer: torch.optim.Optimizer, batch: Batch) -> float:
+    def closure() -> torch.Tensor:
+        optimizer.zero_grad()
+        loss = matlab_cross_entropy(network(batch[0]), batch[1], batch[2])
+        loss.backward()
+        return loss
+
+    return float(optimizer.step(closure).detach())  # type: ignore[arg-type, union-attr]
+
+
+@torch.no_grad()
+def _loss(network: PatchNetwork, samples: Batch) -> float:
+    return float(matlab_cross_entropy(network(samples[0]), samples[1], samples[2]))
+
+
+def _gradient_norm(network: PatchNetwork, optimizer: torch.optim.Optimizer) -> float:
+    if isinstance(optimizer, ScaledConjugateGradient):
+        return optimizer.gradient_norm()
+    gradients = [p.grad.norm() for p in network.parameters() if p.grad is not None]
+    return float(torch.stack(gradients).norm())
+
+
+def _cosine_schedule(
+    optimizer: torch.optim.Optimizer, epochs: int | None
+) -> torch.optim.lr_scheduler.LambdaLR:
+    """A schedule to 0 over ``epochs``; None keeps the learning rate."""
+
+    def factor(epoch: int) -> float:
+        return 1.0 if epochs is None else 0.5 * (1 + math.cos(math.pi * min(epoch / epochs, 1.0)))
+
+    for group in optimizer.param_groups:  # SCG has no learning rate; a schedule wants the name
+        group.setdefault("lr", 1.0)
+    return torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
