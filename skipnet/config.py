@@ -61,6 +61,10 @@ class RegistrationConfig:
     """Nearest neighbours whose mean distance is looked at."""
     denoise_sigma: float = 1.0
     """Standard deviations above the mean from which a point is dropped."""
+    same_class_corners: bool = True
+    """Only corners of equal class correspond, as in the paper; false lets any two."""
+    feature_weight: float = 1.0
+    """Weight of edge and corner voxels in the judge, where planes have 1; 1 asks no network."""
     violation_weight: float = 60.0
     """How fast voxels in seen free space devalue a pose: 1 / weight of all leave it 37 % (1 / e)."""
     max_correspondences: int = 1500
@@ -129,7 +133,137 @@ class RegisterConfig:
 
 
 # --- train.py -------------------------------------------------------------------------------------
-# (sections of the learning room)
+
+
+class PatchKind(Enum):
+    """How a voxel's surroundings become 125 numbers (``skipnet.features.patches``)."""
+
+    surface_frame = "surface_frame"
+    axis_aligned = "axis_aligned"
+
+
+class InputScaling(Enum):
+    """How the network's inputs are brought to one scale."""
+
+    standard = "standard"
+    minmax = "minmax"
+
+
+class Split(Enum):
+    """What training, validation and test sets share."""
+
+    by_scene = "by_scene"
+    random = "random"
+
+
+@dataclass
+class LabelConfig:
+    """What counts as a surface at a voxel; lengths in voxels."""
+
+    radius_voxels: float = 2.5
+    """A surface farther away does not count: half the width of 5 voxels."""
+    min_area_voxels2: float = 2.5
+    """Nor does one of which the sensor sees less there; a flat wall shows 19.6."""
+    min_beams: float = 4.0
+    """Nor one that fewer of the scanner's beams meet there."""
+
+    def __post_init__(self) -> None:
+        require(self.radius_voxels > 0, "label.radius_voxels", self.radius_voxels, "above 0")
+        require(self.min_area_voxels2 >= 0, "label.min_area_voxels2", self.min_area_voxels2, "0 up")
+        require(self.min_beams >= 0, "label.min_beams", self.min_beams, "0 or more")
+
+
+@dataclass
+class DataConfig:
+    """Where the labelled patches come from."""
+
+    families: list[str] = field(
+        default_factory=lambda: ["paper_room", "oblique", "doorway", "closed", "curved"]
+    )
+    """Simulated families, taken in turn (``skipnet.simulation.scenes.FAMILIES``)."""
+    scanner: str = "terrestrial"
+    """terrestrial or rings."""
+    patch: PatchKind = PatchKind.surface_frame
+    """surface_frame, or axis_aligned as in the paper."""
+    label: LabelConfig = field(default_factory=LabelConfig)
+    """The definition of the classes."""
+    split: Split = Split.by_scene
+    """by_scene, or random: 70 % training, 15 % validation, 15 % test of the same scenes' voxels."""
+    training_scenes: int = 120
+    """Scenes with seeds from 0, two scans each."""
+    validation_scenes: int = 15
+    """Scenes with seeds from 1000; unused by split=random."""
+    test_scenes: int = 40
+    """Scenes with seeds from 2000, never seen in training, whatever the split."""
+    most_per_class: int = 150
+    """Training and validation voxels kept of each class and scan; the test keeps all."""
+    samples: int | None = None
+    """Samples in all, the same number of each class; null keeps all."""
+    workers: int = 2
+    """Processes that simulate; the data do not depend on their number."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.families), "data.families", self.families, "at least one family")
+        for name in ("training_scenes", "validation_scenes", "test_scenes"):
+            count = getattr(self, name)
+            require(0 < count <= 1000, f"data.{name}", count, "1 to 1000: seeds must not overlap")
+        for name in ("most_per_class", "workers"):
+            require(getattr(self, name) > 0, f"data.{name}", getattr(self, name), "1 or more")
+        require(self.samples is None or self.samples >= 50, "data.samples", self.samples, "50 up")
+
+
+@dataclass
+class TrainConfig:
+    """Options of ``train.py``."""
+
+    experiment_name: str = "scenes"
+    """Its name in reports."""
+    data: DataConfig = field(default_factory=DataConfig)
+    """What to learn from."""
+    hidden_sizes: list[int] = field(default_factory=lambda: [128, 48])
+    """Units of each hidden layer; the paper's network is [50]."""
+    input_scaling: InputScaling = InputScaling.standard
+    """standard: mean 0, deviation 1; minmax: to [-1, 1], MATLAB's mapminmax."""
+    optimizer: dict[str, Any] = field(default_factory=dict)
+    """``_target_`` and arguments of a torch optimiser; optimizer=NAME takes configs/optimizer."""
+    learning_rate: float = 0.003
+    """Of the optimisers that have one; scaled conjugate gradient has none, as in MATLAB."""
+    cosine_decay: bool = True
+    """Let the learning rate fall to 0 over the epochs."""
+    batch_size: int | None = 512
+    """Samples per step; null takes all at once, as MATLAB does."""
+    epochs: int = 20
+    """Passes over the training set at most."""
+    goal: float = 0.0
+    """Training loss at which to stop: cross-entropy averaged over outputs and samples."""
+    min_gradient: float = 0.0
+    """Stop when the full batch's gradient is shorter; 0 never."""
+    max_fail: int = 0
+    """Stop after so many epochs above the lowest validation loss; 0 never."""
+    frequency_strength: float = 0.5
+    """Weight of a sample: its class's frequency in the scan to this power. 1 as in the scan, 0 none."""
+    double_precision: bool = False
+    """Train in float64; scaled conjugate gradient needs it. Weights are stored in float32."""
+    ship: bool = False
+    """Put the weights and their card into the package too, as those that skipnet.register uses."""
+    compare_sklearn: bool = False
+    """Train scikit-learn's classifiers on the same samples, for the same tables."""
+    seed: int = 0
+    """Of the weights' start, the order of the batches, the random split and the peers."""
+    output_dir: str = "runs/train"
+    """Folder of the run, relative to where the user stands."""
+
+    def __post_init__(self) -> None:
+        sizes = self.hidden_sizes
+        require(bool(sizes) and min(sizes) > 0, "hidden_sizes", sizes, "positive layer sizes")
+        require(self.learning_rate > 0, "learning_rate", self.learning_rate, "above 0")
+        batch = self.batch_size
+        require(batch is None or batch > 0, "batch_size", batch, "1 or more, or null for all")
+        require(self.epochs > 0, "epochs", self.epochs, "1 or more")
+        for name in ("goal", "min_gradient", "max_fail", "frequency_strength", "seed"):
+            require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+        require("_target_" in self.optimizer, "optimizer", self.optimizer, "a torch optimiser")
+        require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
 
 
 # --- evaluate.py ----------------------------------------------------------------------------------
