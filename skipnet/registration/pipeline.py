@@ -14,6 +14,7 @@ from skipnet.clouds.cleaning import denoise, validate
 from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import invert
+from skipnet.registration.feature_hypotheses import from_corners, from_edges
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes, from_slides
 from skipnet.registration.refinement import Refinement, refine
@@ -105,6 +106,10 @@ def register_scans(
 
 def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:
     """Propose, verify and refine, one generator after the other until the verdict is clear."""
+    with clock("classes"):
+        source, target = (
+            scan.weighing_features(config.feature_weight) for scan in (source, target)
+        )
     answer = Answer.none()
     for generator in config.generators:
         with clock("hypotheses"):
@@ -133,6 +138,10 @@ def propose(
 ) -> Hypotheses:
     """Candidate poses of one generator."""
     size_m = source.skipmap.voxel_size_m
+    if generator is Generator.corners:
+        return from_corners(source.corners, target.corners, size_m, config.same_class_corners)
+    if generator is Generator.edges:
+        return from_edges(source.lines, target.lines, size_m)
     if generator in (Generator.planes, Generator.slides):
         both_seen = source.viewpoint_m is not None and target.viewpoint_m is not None
         planes = source.planes if both_seen else source.planes.with_both_signs()

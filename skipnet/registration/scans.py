@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
+from skipnet.features.patches import build_patches, feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import invert, principal_frame, transform_points
 from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
 from skipnet.skipmap.tree import SkipTree, build_tree
-from skipnet.types import FloatArray
+from skipnet.types import FeatureClass, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from skipnet.learning.network import Classifier
 
 Viewpoint = str | FloatArray | list[float] | None
 """Sensor position (3,) in the scan's frame, None when unknown, or "auto" to find out."""
+
+
+@dataclass(frozen=True)
+class FeatureVoxels:
+    """The network's word on the K feature voxels of a scan."""
+
+    rows: IntArray
+    """(K,) rows of the Skip-map."""
+    probabilities: FloatArray
+    """(K, 5) of each FeatureClass; rows sum to 1."""
+
+    @property
+    def classes(self) -> IntArray:
+        """(K,) the likeliest FeatureClass."""
+        return self.probabilities.argmax(axis=1)
 
 
 @dataclass(frozen=True)
@@ -61,6 +82,49 @@ class Scan:
     def fine_skipmap(self) -> SkipMap:
         """The Skip-map at half the voxel size, built when asked for."""
         return skipmap_of_tree(self.fine_tree, self.viewpoint_m)
+
+    @cached_property
+    def features(self) -> FeatureVoxels:
+        """The classified feature voxels; the network runs when they are first asked for."""
+        from skipnet.learning.network import classify
+
+        classifier = _shipped_classifier()
+        rows = feature_voxels(self.skipmap)
+        patches = build_patches(self.skipmap, rows, classifier.card["patch"])
+        return FeatureVoxels(rows, classify(classifier, patches))
+
+    @cached_property
+    def corners(self) -> Corners:
+        """The corners among the classified feature voxels."""
+        classes = self.features.classes
+        corner = classes <= FeatureClass.OTHER_CORNER
+        return find_corners(
+            self.skipmap,
+            self.features.rows[corner],
+            classes[corner],
+            self.features.probabilities[corner].max(axis=1),
+        )
+
+    @cached_property
+    def lines(self) -> Lines:
+        """The straight edges among the classified feature voxels."""
+        edge = self.features.classes == FeatureClass.EDGE
+        return find_lines(self.skipmap, self.features.rows[edge])
+
+    def weighing_features(self, weight: float) -> Scan:
+        """The same scan, judged with ``weight`` for edge and corner voxels and 1 for the others."""
+        if weight == 1:
+            return self
+        weights = np.ones(len(self.skipmap))
+        weights[self.features.rows[self.features.classes != FeatureClass.PLANE]] = weight
+        return replace(self, evidence=replace(self.evidence, weights=weights.astype(np.float32)))
+
+
+@cache
+def _shipped_classifier() -> Classifier:
+    from skipnet.learning.network import load_classifier
+
+    return load_classifier()
 
 
 def describe(

@@ -1,7 +1,7 @@
 """The Skip-map: the effective voxels of a scan with their curvature and oriented normals.
 
 The paper's "variable resolution point cloud simplification": a voxel is effective when it and its
-26 neighbours hold enough points to fit a surface; PCA over that neighbourhood gives curvature and
+26 neighbours hold enough points, not all on one line, to fit a surface; PCA over that neighbourhood gives curvature and
 normal. Voxel centres coloured by curvature are the paper's Skip-map picture.
 """
 
@@ -19,6 +19,9 @@ from skipnet.types import FloatArray, IntArray
 
 MIN_NEIGHBOURHOOD_POINTS = 6
 """Fewer points in 3x3x3 voxels fit almost any plane: three define one, the rest must confirm it."""
+
+MIN_WIDTH = 0.15
+"""Least width of a neighbourhood, as a share of its length: one scan line alone has no normal."""
 
 # One of each pair of opposite directions: the other half follows by symmetry.
 _HALF_NEIGHBOURHOOD = np.array(
@@ -111,8 +114,10 @@ def skipmap_of_tree(
 ) -> SkipMap:
     """The Skip-map of a tree at its own resolution; ``tree.coarser()`` has the next level."""
     around = _sum_neighbourhoods(tree)
-    effective = around.count >= min_points
+    effective = np.flatnonzero(around.count >= min_points)
     eigenvalues_m2, axes = principal_axes(around[effective])
+    surface = eigenvalues_m2[:, 1] > MIN_WIDTH**2 * eigenvalues_m2[:, 2]
+    effective, eigenvalues_m2, axes = effective[surface], eigenvalues_m2[surface], axes[surface]
     skipmap = SkipMap(
         voxel_size_m=tree.voxel_size_m,
         origin_m=tree.origin_m,
