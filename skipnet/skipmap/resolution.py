@@ -40,8 +40,9 @@ def _size_for_one(points_m: FloatArray) -> float:
     spread_m = float(np.quantile(distance_m, 0.75)) or float(distance_m.max())
     finest_m = max(spread_m / 64, float(distance_m.max()) / CELL_MAX)
     cells = unpack(np.unique(pack(cells_of(points_m, finest_m, centre_m))))
+    cells -= cells.min(axis=0)  # halved often enough, they all meet in cell 0
     counts = [len(cells)]
-    while counts[-1] > goal and counts[-1] > 1:
+    while counts[-1] > max(goal, 1):
         cells = unpack(np.unique(pack(cells >> 1)))
         counts.append(len(cells))
     if len(counts) == 1:

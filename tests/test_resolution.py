@@ -1,0 +1,65 @@
+"""The voxel size: what it promises about the voxels it makes, and what must not change it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skipnet.geometry import make_transform, random_rotation, transform_points
+from skipnet.skipmap.resolution import MIN_POINTS_PER_VOXEL, TARGET_VOXELS, choose_voxel_size
+from skipnet.skipmap.tree import build_tree
+
+
+def box_surface(count, edges_m, seed=0):
+    """Points spread evenly over the six faces of a box."""
+    rng = np.random.default_rng(seed)
+    edges_m = np.asarray(edges_m, dtype=np.float64)
+    area = np.repeat([edges_m[1] * edges_m[2], edges_m[2] * edges_m[0], edges_m[0] * edges_m[1]], 2)
+    face = rng.choice(6, size=count, p=area / area.sum())
+    points = rng.uniform(size=(count, 3))
+    points[np.arange(count), face // 2] = face % 2
+    return points * edges_m
+
+
+@pytest.mark.parametrize("edges_m", [(10, 10, 3), (30, 3, 3), (0.3, 0.2, 0.2), (400, 300, 50)])
+def test_a_dense_scan_gets_about_the_target_number_of_voxels(edges_m):
+    points_m = box_surface(300_000, edges_m)
+    occupied = len(build_tree(points_m, choose_voxel_size(points_m, points_m)))
+    assert 0.6 * TARGET_VOXELS < occupied < 1.6 * TARGET_VOXELS
+
+
+@pytest.mark.parametrize("count", [300, 3000])
+def test_a_sparse_scan_gets_voxels_with_points_in_them(count):
+    points_m = box_surface(count, (10, 10, 3))
+    occupied = len(build_tree(points_m, choose_voxel_size(points_m, points_m)))
+    assert 0.6 * MIN_POINTS_PER_VOXEL < count / occupied < 2 * MIN_POINTS_PER_VOXEL
+
+
+def test_the_sparser_scan_decides_for_all():
+    dense_m, sparse_m = box_surface(200_000, (10, 10, 3)), box_surface(4000, (10, 10, 3))
+    own = choose_voxel_size(sparse_m)
+    assert own > choose_voxel_size(dense_m)
+    for clouds_m in ((dense_m, sparse_m), (sparse_m, dense_m), (dense_m, sparse_m, dense_m)):
+        assert choose_voxel_size(*clouds_m) == own
+
+
+def test_motion_and_order_do_not_matter_and_the_unit_scales_along():
+    rng = np.random.default_rng(3)
+    points_m = box_surface(20_000, (8, 5, 3))
+    size_m = choose_voxel_size(points_m)
+    T = make_transform(random_rotation(rng), rng.normal(scale=1000, size=3))
+    assert choose_voxel_size(transform_points(T, points_m)) == size_m
+    assert choose_voxel_size(rng.permutation(points_m)) == size_m
+    assert choose_voxel_size(points_m * 1000) == pytest.approx(1000 * size_m)
+
+
+def test_a_few_far_outliers_hardly_matter():
+    points_m = box_surface(50_000, (10, 10, 3))
+    outliers_m = np.random.default_rng(4).normal(scale=300, size=(20, 3))
+    with_outliers_m = np.concatenate([points_m, outliers_m])
+    assert choose_voxel_size(with_outliers_m) == pytest.approx(choose_voxel_size(points_m), rel=0.2)
+
+
+@pytest.mark.parametrize("count", [3, 4, 10])
+def test_the_smallest_clouds_get_a_positive_size(count):
+    assert choose_voxel_size(np.random.default_rng(5).normal(size=(count, 3))) > 0
