@@ -1,8 +1,8 @@
 """The Skip-map: the effective voxels of a scan with their curvature and oriented normals.
 
 The paper's "variable resolution point cloud simplification": a voxel is effective when it and its
-26 neighbours hold enough points, not all on one line, to fit a surface; PCA over that neighbourhood gives curvature and
-normal. Voxel centres coloured by curvature are the paper's Skip-map picture.
+26 neighbours hold enough points, not all on one line, to fit a surface; PCA over that neighbourhood
+gives curvature and normal. Voxel centres coloured by curvature are the paper's Skip-map picture.
 """
 
 from __future__ import annotations
