@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skipnet.simulation.pairs import simulate_pair
-from skipnet.skipmap.skipmap import build_skipmap, skipmap_of_tree
+from skipnet.skipmap.skipmap import MIN_WIDTH, build_skipmap, skipmap_of_tree
 from skipnet.skipmap.tree import build_tree
 
 SIZE_M = 0.3
@@ -48,13 +48,25 @@ def test_counts_and_centroids_are_of_the_voxels_own_points(scan_m, skipmap):
         np.testing.assert_allclose(skipmap.centroids_m[row], own_m.mean(axis=0), atol=1e-9)
 
 
-def test_effective_voxels_are_those_with_enough_points_around(scan_m):
-    tree = build_tree(scan_m, SIZE_M)
-    cells = np.floor((scan_m - tree.origin_m) / SIZE_M).astype(int)
-    around = np.array([(np.abs(cells - cell).max(axis=1) <= 1).sum() for cell in tree.cells])
-    for least in (1, 6, 40):
-        skipmap = skipmap_of_tree(tree, min_points=least)
-        np.testing.assert_array_equal(skipmap.cells, tree.cells[around >= least])
+@pytest.mark.parametrize("least", [3, 6, 40])
+def test_effective_voxels_are_those_with_enough_points_around_that_span_a_surface(scan_m, least):
+    tree = build_tree(scan_m[::3], SIZE_M)
+    cells = np.floor((scan_m[::3] - tree.origin_m) / SIZE_M).astype(int)
+    effective = []
+    for cell in tree.cells:
+        around_m = scan_m[::3][(np.abs(cells - cell) <= 1).all(axis=1)]
+        if len(around_m) >= least:
+            lengths = np.linalg.svd(around_m - around_m.mean(axis=0), compute_uv=False)
+            if lengths[1] > MIN_WIDTH * lengths[0]:
+                effective.append(cell)
+    np.testing.assert_array_equal(skipmap_of_tree(tree, min_points=least).cells, effective)
+
+
+def test_a_lone_scan_line_has_no_effective_voxel():
+    line_m = np.linspace([-3.0, 0.2, 0.1], [3.0, 1.5, 0.4], 3000)
+    noisy_m = line_m + np.random.default_rng(0).normal(scale=0.004, size=line_m.shape)
+    assert len(build_skipmap(noisy_m, SIZE_M)) == 0
+    assert len(build_skipmap(np.concatenate([noisy_m, noisy_m + [0, 0, 0.2]]), SIZE_M)) > 0
 
 
 def test_normals_point_to_the_sensor_and_forget_it_when_told(skipmap):

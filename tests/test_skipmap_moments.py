@@ -63,9 +63,9 @@ def test_curvature_runs_from_a_plane_to_a_ball_and_takes_coinciding_points():
 
 
 def test_two_perpendicular_half_planes_have_the_curvature_worked_out_by_hand():
-    # Squares [0, 1]^2 in the planes z = 0 and x = 0, meeting along the y axis. Over both, E x = 1/4,
-    # E x^2 = 1/6, E xz = 0: var x = var z = 5/48, cov xz = -1/16, var y = 1/12. So l0 = 2/48,
-    # the sum of all is 14/48, and their ratio 1/7.
+    # Squares [0, 1]^2 in the planes z = 0 and x = 0, meeting along the y axis. Over both,
+    # E x = 1/4, E x^2 = 1/6, E xz = 0: var x = var z = 5/48, cov xz = -1/16, var y = 1/12.
+    # So l0 = 2/48, the sum of all is 14/48, and their ratio 1/7.
     u, v = np.meshgrid((np.arange(400) + 0.5) / 400, (np.arange(400) + 0.5) / 400)
     floor = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
     wall = np.stack([np.zeros_like(u), v, u], axis=-1).reshape(-1, 3)
