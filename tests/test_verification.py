@@ -1,0 +1,213 @@
+"""The judge: hand-made scenes whose overlap and free-space violations can be counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skipnet.geometry import (
+    invert,
+    make_transform,
+    random_rotation,
+    rotation_from_vector,
+    transform_points,
+)
+from skipnet.registration.verification import (
+    build_evidence,
+    build_range_image,
+    distinct,
+    judge,
+    octahedral_bin,
+    shortlist,
+)
+from skipnet.simulation.pairs import simulate_pair
+from skipnet.skipmap.skipmap import build_skipmap
+
+VOXEL_M = 0.2
+EYE = np.eye(4)[None]
+
+
+def evidence_of(points_m, viewpoint_m=(0.0, 0, 0), weights=None):
+    viewpoint_m = None if viewpoint_m is None else np.asarray(viewpoint_m, float)
+    skipmap = build_skipmap(points_m, VOXEL_M, viewpoint_m)
+    weights = None if weights is None else weights(skipmap)
+    return build_evidence(skipmap, points_m, np.random.default_rng(0), weights)
+
+
+def plane_points(count, low_m, high_m, seed=0):
+    return np.random.default_rng(seed).uniform(low_m, high_m, size=(count, 3))
+
+
+def box_room(count=40_000, half_m=3.0):
+    """The inner faces of a cube around the origin, at places that avoid the voxels' borders."""
+    points_m = np.random.default_rng(0).uniform(-half_m, half_m, size=(count, 3))
+    face = np.arange(count) % 6
+    points_m[np.arange(count), face // 2] = half_m * (2 * (face % 2) - 1)
+    return points_m + 0.03
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return simulate_pair("paper_room", 1, points=30_000).pair
+
+
+@pytest.mark.parametrize("bins", [4, 33, 256])
+def test_octahedral_bins_agree_with_an_independent_inverse_for_every_bin(bins):
+    centres = (np.arange(bins) + 0.5) / bins * 2 - 1
+    u, v = np.meshgrid(centres, centres)
+    z = 1 - np.abs(u) - np.abs(v)
+    overhang = np.maximum(-z, 0)  # the corners of the square fold down to the lower half
+    x = u - np.copysign(overhang, u)
+    y = v - np.copysign(overhang, v)
+    inner = np.abs(z) > 1e-9  # a bin cut in half by the equator has no side of its own
+    directions = np.stack([x, y, z], axis=-1) * np.linspace(0.1, 50, bins)[:, None, None]
+    expected = np.arange(bins * bins).reshape(bins, bins)
+    np.testing.assert_array_equal(octahedral_bin(directions, bins)[inner], expected[inner])
+
+
+def test_octahedral_bins_cover_all_directions_and_keep_neighbours_together():
+    directions = np.random.default_rng(0).normal(size=(200_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    bins = 32
+    flat = octahedral_bin(directions, bins)
+    counts = np.bincount(flat, minlength=bins * bins)
+    assert len(counts) == bins * bins and counts.min() > 0
+    assert counts.max() < 3 * counts.mean()
+    sums = np.stack([np.bincount(flat, directions[:, axis]) for axis in range(3)], axis=1)
+    means = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    angle_rad = np.arccos(np.clip((means[flat] * directions).sum(axis=1), -1, 1))
+    assert angle_rad.max() < 5 / bins
+    special = np.array([[0.0, 0, 0], *np.eye(3), *-np.eye(3), [-1, 0, -0.0], [0, -1, 1e-30]])
+    assert ((octahedral_bin(special, bins) >= 0) & (octahedral_bin(special, bins) < 1024)).all()
+
+
+def test_the_range_image_gives_the_nearest_range_seen_and_0_where_nothing_was():
+    viewpoint_m = np.array([1.0, -2.0, 0.5])
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(60_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    ranges_m = np.where(directions[:, 0] > 0, 4.0, 7.0)
+    seen = directions[:, 2] > -0.5
+    image = build_range_image(viewpoint_m + (directions * ranges_m[:, None])[seen], viewpoint_m)
+    clear_of_borders = (np.abs(directions[:, 0]) > 0.2) & (np.abs(directions[:, 2] + 0.5) > 0.2)
+    range_m, seen_m = image.range_towards(viewpoint_m + 2.5 * directions)
+    np.testing.assert_allclose(range_m, 2.5)
+    expected = np.where(seen, ranges_m, 0.0)
+    np.testing.assert_allclose(seen_m[clear_of_borders], expected[clear_of_borders], rtol=1e-6)
+
+
+def test_a_scan_agrees_with_itself_entirely():
+    room = evidence_of(box_room())
+    score = judge(EYE, room, room, 4000, violation_weight=12.0)
+    assert score.overlap[0] == pytest.approx(1.0)
+    assert score.violation[0] == 0 and score.total[0] == pytest.approx(1.0)
+
+
+def test_a_panel_in_seen_free_space_is_a_violation_and_counts_by_its_voxels():
+    room_m = box_room()
+    panel_m = plane_points(4000, [1.03, -1, -1], [1.03, 1, 1])
+    target, source = evidence_of(room_m), evidence_of(np.concatenate([room_m, panel_m]))
+    is_panel = np.abs(source.points_m[:, 0] - 1.03) < 0.1
+    is_panel &= (np.abs(source.points_m[:, 1:]) < 1.1).all(axis=1)
+    share = is_panel.mean()
+    assert share > 0.01
+    score = judge(EYE, source, target, len(source.points_m), violation_weight=12.0)
+    # The target's sensor saw through where the panel is; the source's saw the panel before the
+    # wall, and does not blame the target for a wall behind it.
+    assert score.violation[0] == pytest.approx(0.5 * share, rel=0.05)
+    assert score.overlap[0] == pytest.approx(1 - 0.5 * share, abs=0.01)
+    # The contradiction weighs more than its area, and more so with more weight.
+    totals = [judge(EYE, source, target, 4000, weight).total[0] for weight in (0, 12, 100)]
+    assert totals[0] == pytest.approx(score.overlap[0], abs=0.01)
+    assert totals[1] < totals[0] - share and totals[2] < 0.6 * totals[1]
+
+
+def test_what_lies_behind_the_seen_surface_or_in_unseen_directions_violates_nothing():
+    wall_m = plane_points(20_000, [3.03, -3, -3], [3.03, 3, 3])
+    beyond_m = plane_points(20_000, [5.03, -3, -3], [5.03, 3, 3])
+    behind_sensor_m = plane_points(20_000, [-2.03, -3, -3], [-2.03, 3, 3])
+    for other_m in (beyond_m, behind_sensor_m):
+        score = judge(EYE, evidence_of(other_m, None), evidence_of(wall_m), 4000, 12.0)
+        assert score.violation[0] == 0 and score.overlap[0] == 0
+
+
+def test_without_viewpoints_free_space_is_unknown():
+    room_m = box_room()
+    panel_m = plane_points(4000, [1.03, -1, -1], [1.03, 1, 1])
+    fused = evidence_of(np.concatenate([room_m, panel_m]), None)
+    assert judge(EYE, fused, evidence_of(room_m, None), 4000, 12.0).violation[0] == 0
+
+
+def test_opposite_sides_of_a_thin_wall_never_match():
+    wall_m = plane_points(20_000, [2.03, -3, -3], [2.03, 3, 3])
+    other_side_m = wall_m + [0.1, 0, 0]
+    this, opposite = evidence_of(wall_m), evidence_of(other_side_m, (5.0, 0, 0))
+    assert judge(EYE, this, opposite, 4000, 0.0).overlap[0] == 0
+    same_side = evidence_of(other_side_m)
+    assert judge(EYE, this, same_side, 4000, 0.0).overlap[0] > 0.99
+    # Who stood where is unknown: the sides cannot be told apart.
+    assert judge(EYE, this, evidence_of(other_side_m, None), 4000, 0.0).overlap[0] > 0.99
+
+
+def test_weights_say_how_much_a_voxel_counts():
+    shared_m = plane_points(10_000, [3.03, -2, -2], [3.03, 2, 2])
+    own_m = plane_points(10_000, [-3.03, -2, -2], [-3.03, 2, 2])
+    source = evidence_of(
+        np.concatenate([shared_m, own_m]),
+        weights=lambda skipmap: np.where(skipmap.centroids_m[:, 0] > 0, 9.0, 1.0),
+    )
+    heavy = source.weights == 9
+    score = judge(EYE, source, evidence_of(shared_m), len(source.points_m), 0.0)
+    share = 9 * heavy.sum() / (9 * heavy.sum() + (~heavy).sum())
+    assert score.overlap[0] == pytest.approx(0.5 * (share + 1))
+
+
+def test_swapping_the_scans_swaps_nothing_in_the_score(pair):
+    source, target = evidence_of(pair.source_m), evidence_of(pair.target_m)
+    rng = np.random.default_rng(0)
+    poses = np.stack([pair.T_target_source @ small_motion(rng) for _ in range(8)])
+    there = judge(poses, source, target, 2000, 12.0)
+    back = judge(invert(poses), target, source, 2000, 12.0)
+    np.testing.assert_allclose(there.total, back.total, atol=2e-3)
+
+
+def small_motion(rng, angle_rad=0.1, shift_m=0.3):
+    return make_transform(
+        rotation_from_vector(rng.normal(scale=angle_rad, size=3)), rng.normal(scale=shift_m, size=3)
+    )
+
+
+def test_the_truth_outscores_every_other_pose_and_heads_the_shortlist(pair):
+    source, target = evidence_of(pair.source_m), evidence_of(pair.target_m)
+    rng = np.random.default_rng(1)
+    quarter = [np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])]
+    turns = [make_transform(quarter[0], np.zeros(3)) @ pair.T_target_source]
+    turns += [turns[0] @ turns[0] @ invert(pair.T_target_source)]
+    random = [make_transform(random_rotation(rng), rng.normal(size=3)) for _ in range(500)]
+    near = [pair.T_target_source @ small_motion(rng) for _ in range(500)]
+    candidates = np.stack([*turns, *random, *near, pair.T_target_source])
+    total = judge(candidates, source, target, 4000, 12.0).total
+    assert total.argmax() == len(candidates) - 1
+    best = shortlist(candidates, source, target, 12.0)
+    np.testing.assert_array_equal(best[0], pair.T_target_source)
+    assert 1 <= len(best) <= 20
+
+
+def test_distinct_keeps_the_first_of_every_group_as_a_double_loop_does():
+    rng = np.random.default_rng(2)
+    points_m = rng.normal(size=(100, 3)) + [5, 0, 0]
+    poses = np.stack([small_motion(rng, 0.1, 0.3) for _ in range(120)])
+    expected: list[int] = []
+    centres_m = transform_points(poses, points_m.mean(axis=0)[None])[:, 0]
+    for row in range(120):
+        for earlier in expected:
+            relative = poses[earlier, :3, :3].T @ poses[row, :3, :3]
+            angle_rad = np.arccos(np.clip((np.trace(relative) - 1) / 2, -1, 1))
+            apart_m = np.linalg.norm(centres_m[row] - centres_m[earlier])
+            if angle_rad <= 0.2 and apart_m <= 0.4:
+                break
+        else:
+            expected.append(row)
+    np.testing.assert_array_equal(distinct(poses, points_m, 0.4, 0.2), expected)
+    assert 5 < len(expected) < 115
+    assert len(distinct(np.zeros((0, 4, 4)), points_m, 0.4)) == 0
