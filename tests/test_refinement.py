@@ -41,7 +41,7 @@ def clouds_m(pair):
     return pair.source_m.astype(float), pair.target_m.astype(float)
 
 
-def disturbed(T, seed, angle_rad=np.deg2rad(1.0), shift_m=0.03):
+def disturbed(T, seed, angle_rad=0.0175, shift_m=0.03):
     rng = np.random.default_rng(seed)
     axis, way = rng.normal(size=(2, 3))
     rotation = rotation_from_vector(angle_rad * axis / np.linalg.norm(axis))

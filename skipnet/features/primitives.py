@@ -61,7 +61,7 @@ def find_planes(
         min_voxels: smallest plane.
     """
     flat = skipmap.curvatures < FLAT_CURVATURE
-    centre_m = skipmap.centroids_m.mean(axis=0)
+    centre_m = skipmap.origin_m  # offsets about a near place keep their digits
     points_m = skipmap.centroids_m[flat] - centre_m
     normals = skipmap.normals[flat]
     if skipmap.viewpoint_m is None:

@@ -18,7 +18,7 @@ from skipnet.registration.feature_hypotheses import from_corners, from_edges
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes, from_slides
 from skipnet.registration.refinement import Refinement, refine
-from skipnet.registration.scans import Scan, Viewpoint, describe
+from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
 from skipnet.registration.verdict import Findings, Verdict, decide, free_directions
 from skipnet.registration.verification import Score, distinct, judge, shortlist
 from skipnet.skipmap.resolution import choose_voxel_size
@@ -57,16 +57,19 @@ def register(
         find a pose is a result ("failed"), not an error.
 
     Raises:
-        ValueError: the input is not two clouds of finite points that span a surface.
+        ValueError: the input is not two clouds of finite points that span a surface, or an option
+            is out of its range.
     """
     config = config or RegistrationConfig()
     clock = Stopwatch()
     with clock("validate"):
         clouds = validate(source, "source"), validate(target, "target")
+        check_viewpoint(source_viewpoint, "source_viewpoint")
+        check_viewpoint(target_viewpoint, "target_viewpoint")
     with clock("denoise"):
         source_m, target_m = (clean(points_m, config) for points_m in clouds)
     with clock("skip-map"):
-        size_m = voxel_size_m or choose_voxel_size(source_m, target_m)
+        size_m = choose_voxel_size(source_m, target_m) if voxel_size_m is None else voxel_size_m
         scans = [
             describe(points_m, size_m, viewpoint, seed)
             for points_m, viewpoint in (
@@ -111,6 +114,8 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
             scan.weighing_features(config.feature_weight) for scan in (source, target)
         )
     answer = Answer.none()
+    if min(len(source.skipmap), len(target.skipmap)) == 0:
+        return answer
     for generator in config.generators:
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)

@@ -29,6 +29,9 @@ def from_planes(
 ) -> Hypotheses:
     """Rotations from pairs of planes at equal angles, translations from parallel planes' offsets.
 
+    Where a scan has planes of one direction only, each large one is laid on each of the other
+    scan: all that they fix.
+
     Args:
         source: planes of the source, normals towards its sensor (or with both signs).
         target: planes of the target, likewise.
@@ -37,6 +40,8 @@ def from_planes(
         per_rotation: translations to keep for each.
         max_angle_rad: largest disagreement of angles between planes.
     """
+    if min(_count_directions(planes) for planes in (source, target)) == 1:
+        return _plane_on_plane(source, target)
     rotations = _plane_rotations(source, target, max_rotations, max_angle_rad)
     stacks = [
         _plane_translations(rotation, source, target, voxel_size_m, per_rotation, max_angle_rad)
@@ -77,6 +82,36 @@ def from_slides(
             found += _lines_of_translation(rotation, normals, shift_m, weight, voxel_size_m)
     found = sorted(found, key=lambda slide: -slide.support)[:max_slides]
     return concatenate([_walk(slide, source_m, target_m, voxel_size_m) for slide in found])
+
+
+def _count_directions(planes: Planes) -> int:
+    """Of how many kinds the planes are: 0 none, 1 all parallel, 2 for more."""
+    return 2 if len(_oblique_pairs(planes.normals, ordered=False)[0]) else min(len(planes), 1)
+
+
+def _plane_on_plane(source: Planes, target: Planes, count: int = 4) -> Hypotheses:
+    """Each of the largest planes of both scans on each other, centroid on centroid.
+
+    The turn in the plane is free; the frames' own axes choose it, one way and the other.
+    """
+    s, t = (rows.ravel() for rows in np.indices((len(source), len(target)))[:, :count, :count])
+    frames_s, frames_t = _upright_frames(source.normals[s]), _upright_frames(target.normals[t])
+    half_turn = np.diag([1.0, -1.0, -1.0])
+    rotations = np.concatenate(
+        [frames_t @ frames_s.transpose(0, 2, 1), frames_t @ half_turn @ frames_s.transpose(0, 2, 1)]
+    )
+    s, t = np.tile(s, 2), np.tile(t, 2)
+    moved_m = np.einsum("rij,rj->ri", rotations, source.centroids_m[s])
+    T_target_source = make_transform(rotations, target.centroids_m[t] - moved_m)
+    return Hypotheses(T_target_source, np.minimum(source.weights[s], target.weights[t]))
+
+
+def _upright_frames(normals: FloatArray) -> FloatArray:
+    """(P, 3, 3) right-handed frames in columns: the normal, and the coordinate axes' way in it."""
+    axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    second = np.cross(normals, axes)
+    second /= np.linalg.norm(second, axis=1, keepdims=True)
+    return np.stack([normals, second, np.cross(normals, second)], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,23 @@ class FeatureVoxels:
         return self.probabilities.argmax(axis=1)
 
 
+def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
+    """Refuse what is no viewpoint.
+
+    Raises:
+        ValueError: neither "auto" nor None nor three finite coordinates.
+    """
+    if viewpoint is None or (isinstance(viewpoint, str) and viewpoint == "auto"):
+        return
+    position_m = np.asarray(viewpoint)
+    if position_m.shape != (3,) or position_m.dtype.kind not in "iuf":
+        raise ValueError(
+            f'{name}={viewpoint!r}: expected "auto", None or a position (3,) in metres'
+        )
+    if not np.isfinite(position_m).all():
+        raise ValueError(f"{name}={viewpoint!r}: expected finite coordinates, or None if unknown")
+
+
 @dataclass(frozen=True)
 class Scan:
     """A described scan, in the principal frame of its own points.

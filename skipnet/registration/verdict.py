@@ -72,6 +72,8 @@ def decide(findings: Findings) -> Verdict:
     """Turn the findings about the best pose into a verdict."""
     confidence = confidence_of(findings.features)
     seen = f"{findings.overlap:.0%} of the surfaces agree"
+    if findings.matched == 0:
+        return Verdict("failed", 0.0, f"fine alignment found no hold: in the best pose {seen}")
     if len(findings.free_directions):
         axis = np.array2string(findings.free_directions[0], precision=2, suppress_small=True)
         reason = f"{seen}, but nothing fixes the position along {axis} in the target's frame"

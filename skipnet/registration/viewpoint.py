@@ -31,6 +31,8 @@ def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
     direction, a flat one, from its front to its back. Points further out on one slanted surface do
     not hide each other.
     """
+    if len(skipmap) == 0:
+        return 0.0
     offset_m = skipmap.centroids_m - viewpoint_m
     range_m = np.linalg.norm(offset_m, axis=1)
     direction = offset_m / np.maximum(range_m, 1e-9)[:, None]
