@@ -100,10 +100,11 @@ def register_scan_files(
     )
     names = [str(scan) for scan in scans]
     placed = [
-        index for index, T_first_scan in enumerate(result.T_first_scan) if T_first_scan is not None
+        (name, transform_points(T_first_scan, points_m))
+        for name, T_first_scan, points_m in zip(names, result.T_first_scan, clouds_m, strict=True)
+        if T_first_scan is not None
     ]
-    placed_m = [transform_points(result.T_first_scan[index], clouds_m[index]) for index in placed]
-    png = _write_scans(placed_m, [names[index] for index in placed], output_dir)
+    png = _write_scans([cloud_m for _, cloud_m in placed], [name for name, _ in placed], output_dir)
     write_text(output_dir / "report.html", report.scans_page(result, names, png, choices.seed))
     write_text(output_dir / "poses.json", report.poses_json(result, names, choices.seed))
     _announce(result.status, result.reason, output_dir)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.geometry import make_transform
+from skipnet.geometry import invert, make_transform
 from skipnet.skipmap.cells import cells_of
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
@@ -35,6 +35,8 @@ class Refinement:
     the target's axes, 1/rad^2 and 1/m^2."""
     matched: IntArray
     """(C,) correspondences in the last step."""
+    centre_m: FloatArray
+    """(C, 3) centre of the matched points, target frame."""
     residual_m: FloatArray
     """(C,) median distance of correspondences along the normal."""
 
@@ -56,7 +58,7 @@ def refine(
         min_normal_cosine: smallest cosine between matching normals.
     """
     T: FloatArray = np.array(T_target_source, dtype=np.float64)
-    result = Refinement(T, np.zeros((len(T), 6, 6)), np.zeros(len(T), int), np.zeros(len(T)))
+    result = _before_any_level(T)
     for source, target in levels:
         rows = _spread_rows(len(source), samples)
         for _ in range(max_steps):
@@ -69,19 +71,25 @@ def refine(
     return result
 
 
+def _before_any_level(T: FloatArray) -> Refinement:
+    count = len(T)
+    matched, nothing = np.zeros(count, dtype=np.int64), np.zeros(count)
+    return Refinement(T, np.zeros((count, 6, 6)), matched, np.zeros((count, 3)), nothing)
+
+
 def _keep_tracked(
     before: Refinement, T: FloatArray, matches: _Matches, max_shift_m: float
 ) -> Refinement:
     """Take over a level's poses, but for those that ran away: too sparse a level has no hold."""
     matched = matches.valid.sum(axis=1)
-    shift_m = np.linalg.norm(
-        apply(T, matches.centre_m) - apply(before.T_target_source, matches.centre_m), axis=1
-    )
+    before_m = apply(before.T_target_source, apply(invert(T), matches.centre_m))
+    shift_m = np.linalg.norm(matches.centre_m - before_m, axis=1)
     good = (matched >= MIN_MATCHES) & (shift_m < max_shift_m)
     return Refinement(
         np.where(good[:, None, None], T, before.T_target_source),
         np.where(good[:, None, None], matches.information, before.information),
         np.where(good, matched, before.matched),
+        np.where(good[:, None], matches.centre_m, before.centre_m),
         np.where(good, matches.residual_m, before.residual_m),
     )
 
@@ -170,8 +178,11 @@ def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, fl
     rotation = Rotation.from_rotvec(step[:, :3]).as_matrix()
     about_m = matches.centre_m
     shift_m = about_m - np.einsum("cij,cj->ci", rotation, about_m) + step[:, 3:]
-    moved_m = np.abs(step[:, 3:]).max() + np.abs(step[:, :3]).max() * np.ptp(about_m, axis=0).max()
-    return make_transform(rotation, shift_m) @ T, float(moved_m)
+    # Root mean square lever of the rotation: what it moves where the normals feel it.
+    square_m2 = diagonal[:, :3].sum(axis=1) / np.maximum(diagonal[:, 3:].sum(axis=1), 1e-12)
+    turned_m = np.linalg.norm(step[:, :3], axis=1) * np.sqrt(square_m2)
+    moved_m = np.linalg.norm(step[:, 3:], axis=1) + turned_m
+    return make_transform(rotation, shift_m) @ T, float(moved_m.max())
 
 
 def _variance(skipmap: SkipMap) -> FloatArray:
