@@ -210,6 +210,7 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
         "T_target_source_coarse": _matrix(estimate.T_target_source_coarse),
         "status": estimate.status,
         "confidence": estimate.confidence,
+        "lead": estimate.lead,
         "reason": estimate.reason,
     }
 

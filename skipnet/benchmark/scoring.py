@@ -39,6 +39,8 @@ class ScoreRow:
     transform_s: float
     status: str
     confidence: float | None
+    lead: float | None
+    """By what share of its own score the pose beats its best rival."""
     overlap: float | None
     source_points: int
     target_points: int
@@ -104,6 +106,7 @@ def _score(pair: Pair, prediction: Prediction, stage: str) -> ScoreRow:
         transform_s=transform_s,
         status=prediction.status,
         confidence=prediction.confidence,
+        lead=prediction.lead,
         overlap=pair.overlap,
         source_points=len(pair.source_m),
         target_points=len(pair.target_m),
@@ -163,6 +166,8 @@ def _summarise_one(rows: list[ScoreRow], label: str) -> dict[str, Any]:
     }
     entry["success_rate_mean_of_sets"] = float(np.mean(list(entry["success_rate_by_set"].values())))
     entry["median"] = {name: _median([getattr(row, name) for row in rows]) for name in MEASURES}
+    leads = [row.lead for row in rows if row.lead is not None]
+    entry["median_lead"] = _median(leads) if leads else None
     entry["mean"] = {name: _finite_mean([getattr(row, name) for row in rows]) for name in MEASURES}
     entry["largest"] = {name: _finite(max(getattr(row, name) for row in rows)) for name in MEASURES}
     return entry

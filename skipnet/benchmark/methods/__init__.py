@@ -55,6 +55,8 @@ class Estimate:
     """The method's own opinion: "registered", "ambiguous" or "failed"."""
     confidence: float | None = None
     """In [0, 1]: the share of such answers that are right; None if the method does not say."""
+    lead: float | None = None
+    """By what share of its score it beats its best rival, 0 to 1; None if it knows no rivals."""
     reason: str = ""
     """One sentence for a person."""
     timings_s: Mapping[str, float] = field(default_factory=dict)

@@ -57,6 +57,7 @@ def _estimate(result: Registration, time_s: float) -> Estimate:
         stage_s={"map": time_s - transform_s - fine_s, "transform": transform_s, "fine": fine_s},
         status=result.status,
         confidence=result.confidence,
+        lead=result.details["margin"],  # type: ignore[arg-type]
         reason=result.reason,
         timings_s=dict(result.timings_s),
     )
