@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from skipnet.registration.verification import octahedral_bin
+from skipnet.skipmap.cells import cells_of
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
-MAX_HIDDEN_SHARE = 0.02
-"""Of scans from one place at most this share of voxels seems hidden (noise, porous trees); of fused
-and moving ones several times as much."""
-_BINS = 160
+MAX_HIDDEN_SHARE = 0.05
+"""Of scans from one place at most this share of voxels seems hidden (noise, porous trees: 4 % of an
+apartment); of fused and moving ones up to several times as much."""
+_FLAT_CURVATURE = 0.03
+_MIN_COSINE = 0.2
+_STEPS_AT_ONCE = 32
 
 
 def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
@@ -24,36 +26,59 @@ def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
     return origin_m if hidden_share(skipmap, origin_m) <= MAX_HIDDEN_SHARE else None
 
 
-def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
+def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 1000) -> float:
     """Share of voxels that a sensor at (3,) ``viewpoint_m`` cannot have seen: 0 for the true one.
 
-    A voxel counts as hidden when its line of sight passes through the nearest voxel in that
-    direction, a flat one, from its front to its back. Points further out on one slanted surface do
-    not hide each other.
+    A voxel is hidden when its line of sight pierces a flat voxel on the way. The lines are walked
+    from the voxels towards the sensor, as far as the scan reaches.
+
+    Args:
+        skipmap: the scan's Skip-map.
+        viewpoint_m: (3,) assumed sensor position, in the same frame.
+        samples: voxels to look at, evenly spread.
     """
-    if len(skipmap) == 0:
+    count = min(len(skipmap), samples)
+    if count == 0:
         return 0.0
-    offset_m = skipmap.centroids_m - viewpoint_m
-    range_m = np.linalg.norm(offset_m, axis=1)
-    direction = offset_m / np.maximum(range_m, 1e-9)[:, None]
-    nearest = _nearest_in_bin(octahedral_bin(offset_m.astype(np.float32), _BINS), range_m)
-    to_nearest_m = offset_m[nearest]
-    normals = skipmap.normals[nearest]
-    aside_m = np.linalg.norm(np.cross(to_nearest_m, direction), axis=1)
-    behind_m = np.einsum("vi,vi->v", offset_m - to_nearest_m, normals)
-    sensor_m = -np.einsum("vi,vi->v", to_nearest_m, normals)
     voxel_m = skipmap.voxel_size_m
-    hidden = (behind_m * sensor_m < 0) & (np.abs(behind_m) > 1.5 * voxel_m)
-    hidden &= (np.abs(sensor_m) > voxel_m) & (aside_m < 0.5 * voxel_m)
-    hidden &= np.abs(np.einsum("vi,vi->v", direction, normals)) > 0.2
-    hidden &= skipmap.curvatures[nearest] < 0.03
+    points_m = skipmap.centroids_m[np.linspace(0, len(skipmap) - 1, count).astype(np.int64)]
+    to_sensor_m = viewpoint_m - points_m
+    range_m = np.linalg.norm(to_sensor_m, axis=1)
+    ways = to_sensor_m / np.maximum(range_m, 1e-9)[:, None]
+    extent_m = float(np.linalg.norm(np.ptp(skipmap.centroids_m, axis=0)))
+    hidden = np.zeros(count, dtype=bool)
+    distances_m = np.arange(1.5 * voxel_m, extent_m, 0.5 * voxel_m)
+    for start in range(0, len(distances_m), _STEPS_AT_ONCE):
+        walked_m = distances_m[start : start + _STEPS_AT_ONCE]
+        going = ~hidden & (walked_m[0] < range_m - voxel_m)
+        line, step = np.nonzero(going[:, None] & (walked_m < range_m[:, None] - voxel_m))
+        here_m = points_m[line] + walked_m[step, None] * ways[line]
+        row = skipmap.find(cells_of(here_m, voxel_m, skipmap.origin_m))
+        line, row = line[row >= 0], row[row >= 0]
+        pierced = _pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)
+        hidden[line[pierced]] = True
     return float(hidden.mean())
 
 
-def _nearest_in_bin(bins: IntArray, range_m: FloatArray) -> IntArray:
-    """For each voxel the row of the nearest voxel in its direction's bin."""
-    order = np.lexsort((range_m, bins))
-    first = np.r_[True, np.diff(bins[order]) != 0]
-    nearest = np.empty(len(bins), dtype=np.int64)
-    nearest[order] = np.repeat(order[first], np.diff(np.append(np.flatnonzero(first), len(bins))))
-    return nearest
+def _pierces(
+    skipmap: SkipMap,
+    row: IntArray,
+    points_m: FloatArray,
+    ways: FloatArray,
+    viewpoint_m: FloatArray,
+) -> BoolArray:
+    """Whether lines from points towards the sensor pass through the middle of flat voxels.
+
+    Both ends must be well off the voxel's plane: points of one slanted surface do not hide each
+    other.
+    """
+    centres_m, normals = skipmap.centroids_m[row], skipmap.normals[row]
+    behind_m = np.einsum("li,li->l", points_m - centres_m, normals)
+    before_m = np.einsum("li,li->l", viewpoint_m - centres_m, normals)
+    cosine = np.einsum("li,li->l", ways, normals)
+    flat = (skipmap.curvatures[row] < _FLAT_CURVATURE) & (np.abs(cosine) > _MIN_COSINE)
+    walked_m = -behind_m / np.where(flat, cosine, 1.0)
+    aside_m = np.linalg.norm(points_m + walked_m[:, None] * ways - centres_m, axis=1)
+    voxel_m = skipmap.voxel_size_m
+    apart = (behind_m * before_m < 0) & (np.abs(before_m) > voxel_m)
+    return flat & apart & (np.abs(behind_m) > 1.5 * voxel_m) & (aside_m < 0.5 * voxel_m)
