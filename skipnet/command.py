@@ -119,6 +119,8 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
         if key.split(".")[0].split("/")[0] == "hydra":
             continue
         _check_key(key, schema, config_dir)
+        if (config_dir / key).is_dir():
+            _check_choice(key, override.get_value_string(), config_dir)
         if override.is_delete():
             raise ValueError(
                 f"{argument}: an option cannot be removed; leave it out, or give it a value"
@@ -137,6 +139,14 @@ def _check_key(key: str, schema: type, config_dir: Path) -> None:
         f"did you mean {near[0]}?" if near else "the options are " + ", ".join([*options, *groups])
     )
     raise ValueError(f"no such option: {key}; {hint}")
+
+
+def _check_choice(group: str, value: str, config_dir: Path) -> None:
+    """Refuse a preset that a config group does not have; sweeps name several, split by commas."""
+    choices = sorted(file.stem for file in (config_dir / group).glob("*.yaml"))
+    for choice in value.split(","):
+        if choice not in choices:
+            raise ValueError(f"no such choice: {group}={choice}; choose from {', '.join(choices)}")
 
 
 def _options(schema: type, prefix: str = "") -> Iterator[tuple[str, str]]:

@@ -190,3 +190,8 @@ def test_a_failing_sweep_exits_with_2(toy):
     code, _, error = toy("--multirun", "count=1,2", task=raising(ValueError("mine")))
     assert code == 2
     assert error.endswith("toy: mine\n")
+
+
+def test_a_preset_that_does_not_exist_names_those_that_do(toy):
+    assert "style=bald; choose from bold, plain\n" in toy("style=bald")[2]
+    assert "style=bald; choose from bold, plain\n" in toy("--multirun", "style=plain,bald")[2]
