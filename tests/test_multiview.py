@@ -19,6 +19,7 @@ from skipnet.registration.multiview import (
     closure_m,
     place,
     register_many,
+    solve,
     spanning_tree,
 )
 from skipnet.simulation.pairs import simulate_pair, simulate_scans
@@ -168,6 +169,19 @@ def test_a_contradiction_is_shared_by_what_each_link_determines():
     # A link that says nothing about x leaves the others alone.
     blind = {(0, 2): np.diag([1.0, 1, 1, 0, 1, 1])}
     np.testing.assert_allclose(chain(blind), [1.0, 2.0], atol=1e-6)
+
+
+def test_a_wrong_link_that_contradicts_more_trusted_ones_has_no_say():
+    poses = random_poses(5)
+    links = links_of(poses, [*LOOP, (3, 4)], noise=0.001)
+    wrong = make_transform(np.eye(3), np.array([0.5, 0, 0])) @ links[0, 2].T_target_source
+    links[0, 2] = Link(wrong, links[0, 2].centre_m, 1e6 * np.eye(6))
+    links[6, 7] = links[0, 2]  # two scans that nothing connects with the others
+    trust = {key: (0.9 if key == (0, 2) else 1.0,) for key in links}
+    found, agreeing = solve(links, trust, limit_m=0.1)
+    assert agreeing == {(0, 1), (1, 2), (2, 3), (0, 3), (3, 4)} and set(found) == set(range(5))
+    for scan, T in poses.items():
+        assert pose_error(found[scan], T)[1] < 0.05
 
 
 def test_noise_averages_out_over_loops():

@@ -114,15 +114,9 @@ def register_many(
             for (target, source), pair in pairs.items()
             if pair.status == "registered"
         }
-        trust = {key: _trust(pairs[key]) for key in links}
-        tree = spanning_tree(trust)
-        poses = place(tree, links)
-        links = {key: link for key, link in links.items() if key[0] in poses and key[1] in poses}
         limit_m = MAX_CLOSURE_VOXELS * described[0].skipmap.voxel_size_m
-        agreeing = {
-            key: link for key, link in links.items() if closure_m(link, key, poses) <= limit_m
-        }
-        poses = balance(poses, agreeing)
+        poses, agreeing = solve(links, {key: _trust(pairs[key]) for key in links}, limit_m)
+        links = {key: link for key, link in links.items() if key[0] in poses and key[1] in poses}
     status, reason = _verdict(poses, len(described), pairs)
     return MultiviewResult(
         T_first_scan=[poses.get(scan) for scan in range(len(described))],
@@ -151,6 +145,28 @@ def measure(source: Scan, target: Scan, T_target_source: FloatArray) -> Link:
         transform_points(target.T_given_own, fine.centre_m)[0],
         turn @ fine.information[0] @ turn.T,
     )
+
+
+def solve(
+    links: Mapping[PairKey, Link], trust: Mapping[PairKey, tuple[float, ...]], limit_m: float
+) -> tuple[Poses, set[PairKey]]:
+    """Place scans along the most trusted tree, then balance them with all that agrees with it.
+
+    Args:
+        links: every registered pair.
+        trust: of each; larger is better.
+        limit_m: a link whose overlap the tree puts farther off has no say.
+
+    Returns:
+        Poses of the scans that are connected with scan 0, and the links that had a say.
+    """
+    poses = place(spanning_tree(trust), links)
+    agreeing = {
+        key: link
+        for key, link in links.items()
+        if key[0] in poses and key[1] in poses and closure_m(link, key, poses) <= limit_m
+    }
+    return balance(poses, agreeing), set(agreeing)
 
 
 def spanning_tree(trust: Mapping[PairKey, tuple[float, ...]]) -> list[PairKey]:
