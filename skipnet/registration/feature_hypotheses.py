@@ -92,7 +92,8 @@ def _oblique_pairs(directions: FloatArray, ordered: bool) -> tuple[IntArray, Int
     """Index pairs of lines at least 20 degrees from parallel."""
     cosine = np.abs(directions @ directions.T)
     pairs = cosine < np.cos(np.deg2rad(20))
-    return np.nonzero(pairs if ordered else np.triu(pairs))
+    first, second = np.nonzero(pairs if ordered else np.triu(pairs))
+    return first, second
 
 
 def _angle_and_gap(lines: Lines, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray]:
