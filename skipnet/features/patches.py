@@ -2,8 +2,8 @@
 
 Two kinds. ``axis_aligned`` is the paper's: which of the 5x5x5 voxels of the Skip-map around the
 feature are occupied, in the axes of the scan. ``surface_frame`` turns the cells into a frame that
-the surfaces around the voxel define, so that a patch does not change when the scan is turned, and the
-side that the sensor is on is always the same side of it.
+the surfaces around the voxel define, so that a patch does not change when the scan is turned, and
+the side that the sensor is on is always the same side of it.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _surface_frame(skipmap: SkipMap, voxel_indices: IntArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """All (voxel, neighbour) pairs of K voxels, sorted by voxel; each voxel is its own neighbour."""
+    """All (voxel, neighbour) pairs of K voxels, sorted by voxel, each voxel with itself too."""
 
     owner: IntArray
     """(P,) row among the K voxels."""
@@ -119,10 +119,10 @@ class Neighbours:
 def surface_frames(near: Neighbours, oriented: bool) -> FloatArray:
     """The frame of the surfaces around each voxel.
 
-    The axes are the eigenvectors of sum(w n n^T) over the neighbours' normals n, most frequent direction
-    first: three walls at right angles give their three normals. Every axis points to the side
-    that the normals look to; an axis along which they do not look (along an edge), or all axes when
-    the normals are not oriented, points to where more voxels are.
+    The axes are the eigenvectors of sum(w n n^T) over the neighbours' normals n, most frequent
+    direction first: three walls at right angles give their three normals. Every axis points to the
+    side that the normals look to; an axis along which they do not look (along an edge), or all axes
+    when the normals are not oriented, points to where more voxels are.
 
     Returns:
         (K, 3, 3), axes in columns; right- or left-handed, as the signs fall.

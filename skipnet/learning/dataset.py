@@ -113,7 +113,7 @@ def concatenate(parts: Sequence[Samples]) -> Samples:
 def label_scene(
     family: str, seed: int, recipe: Recipe, rng: np.random.Generator
 ) -> list[LabelledScan]:
-    """Scan a scene twice and label the feature voxels, at the voxel size that registration would take.
+    """Scan a scene twice and label the feature voxels, at the voxel size registration would take.
 
     The first cloud keeps the room's axes, as in the paper; the second is turned at random.
     """
@@ -135,7 +135,7 @@ def label_scan(
     rule: LabelRule,
     R_cloud_sensor: FloatArray,
 ) -> LabelledScan:
-    """Build the Skip-map of a scan turned by (3, 3) ``R_cloud_sensor`` and label its feature voxels.
+    """Build the Skip-map of a scan turned by ``R_cloud_sensor`` and label its feature voxels.
 
     Voxels around which the sensor can see no surface at all have no truth and are left out: only
     range noise could have put them there.

@@ -1,9 +1,10 @@
-"""One experiment: make the data, train the network, judge it on scenes it never saw, write it all."""
+"""One experiment: make the data, train the network, judge it on unseen scenes, write it all."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,9 +24,15 @@ from skipnet.learning.network import (
     classify,
     save_classifier,
 )
-from skipnet.learning.peers import predict_with_peers
+from skipnet.learning.peers import COMPARED_VOXELS, predict_with_peers
 from skipnet.learning.scores import confusion_matrix, macro_f1, score
-from skipnet.learning.training import StoppingRules, TrainingOutcome, TrainingSet, train_network
+from skipnet.learning.training import (
+    EpochRecord,
+    StoppingRules,
+    TrainingOutcome,
+    TrainingSet,
+    train_network,
+)
 from skipnet.types import FeatureClass, FloatArray, IntArray
 from skipnet.viz.dashboard import open_dashboard
 
@@ -51,7 +58,7 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
     """Train and judge as configured; everything is written into ``config.output_dir``.
 
     Returns:
-        The summary, as in summary.json: what training reached, the scores and the seconds of each part.
+        The summary, as in summary.json: what training reached, scores, seconds of each part.
 
     Raises:
         ValueError: settings that do not fit each other.
@@ -66,20 +73,12 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
         network, outcome = fit(config, sets, partial(reports.log_epoch, writer, sets.validation))
         seconds["training"] = time.perf_counter() - start_s - seconds["data"]
         classifier = Classifier(network.float().eval(), make_card(config, sets, outcome))
-        predicted = {"network": predict(classifier, sets.unseen.patches)}
+        predicted = predict(classifier, sets.unseen.patches)
+        scores = {"network": score(sets.unseen, predicted, config.data.families)}
         if config.compare_sklearn:
-            weights = sample_weights(sets.training, config.frequency_strength)
-            peers, peer_seconds = predict_with_peers(
-                sets.training, weights, sets.unseen.patches, config.seed
-            )
-            predicted |= peers
-            seconds |= peer_seconds
-        scores = {
-            name: score(sets.unseen, classes, config.data.families)
-            for name, classes in predicted.items()
-        }
+            scores |= compare(config, sets, classifier, seconds)
         summary = summarise(config, sets, classifier, outcome, scores, seconds)
-        counts = confusion_matrix(sets.unseen.labels, predicted["network"])
+        counts = confusion_matrix(sets.unseen.labels, predicted)
         reports.write_results(folder, summary, scores, counts)
         reports.log_results(writer, config, summary, counts)
         reports.log_skipmap(writer, recipe(config.data), classifier, config.data.families[0])
@@ -131,7 +130,7 @@ def draw_evenly(samples: Samples, count: int, rng: np.random.Generator) -> Sampl
     if rest or len(rows) != count:
         have = np.bincount(samples.labels, minlength=len(FeatureClass)).tolist()
         raise ValueError(
-            f"cannot draw {count} samples evenly from {len(FeatureClass)} classes of {have} voxels; "
+            f"cannot draw {count} samples evenly from classes of {have} voxels; "
             "give a multiple of 5, or more data.training_scenes"
         )
     return samples[rows]
@@ -150,30 +149,64 @@ def sample_weights(samples: Samples, frequency_strength: float) -> FloatArray:
     return samples.weights**frequency_strength
 
 
-def fit(config: TrainConfig, sets: Sets, on_epoch: Any) -> tuple[PatchNetwork, TrainingOutcome]:
+def fit(
+    config: TrainConfig, sets: Sets, on_epoch: Callable[[EpochRecord, PatchNetwork], None]
+) -> tuple[PatchNetwork, TrainingOutcome]:
     """Train a network on the sets."""
     from hydra.utils import instantiate
 
     torch.manual_seed(config.seed)
-    network = PatchNetwork(config.hidden_sizes)
+    network = PatchNetwork(config.hidden_sizes, config.activation.value, config.dropout)
     if config.double_precision:
         network.double()
-    strength = config.frequency_strength
-    outcome = train_network(
-        network,
-        *(
-            TrainingSet(part.patches, part.labels, sample_weights(part, strength))
-            for part in (sets.training, sets.validation)
-        ),
-        instantiate(config.optimizer),
-        StoppingRules(config.epochs, config.goal, config.min_gradient, config.max_fail),
-        batch_size=config.batch_size,
-        cosine_decay=config.cosine_decay,
-        scaling=config.input_scaling.value,
-        seed=config.seed,
-        on_epoch=on_epoch,
+    training, validation = (
+        TrainingSet(part.patches, part.labels, sample_weights(part, config.frequency_strength))
+        for part in (sets.training, sets.validation)
     )
+    with _one_thread():
+        outcome = train_network(
+            network,
+            training,
+            validation,
+            instantiate(config.optimizer),
+            StoppingRules(config.epochs, config.goal, config.min_gradient, config.max_fail),
+            batch_size=config.batch_size,
+            cosine_decay=config.cosine_decay,
+            scaling=config.input_scaling.value,
+            seed=config.seed,
+            on_epoch=on_epoch,
+        )
     return network, outcome
+
+
+def compare(
+    config: TrainConfig, sets: Sets, classifier: Classifier, seconds: dict[str, float]
+) -> dict[str, Any]:
+    """Scores of the network and of scikit-learn's classifiers on the same voxels of unseen scenes.
+
+    The seconds that each took to train are added to ``seconds``.
+    """
+    rng = np.random.default_rng(config.seed)
+    count = min(len(sets.unseen), COMPARED_VOXELS)
+    voxels = sets.unseen[np.sort(rng.choice(len(sets.unseen), count, replace=False))]
+    weights = sample_weights(sets.training, config.frequency_strength)
+    predicted, peer_seconds = predict_with_peers(
+        sets.training, weights, voxels.patches, config.seed
+    )
+    seconds |= peer_seconds
+    predicted = {"network, same voxels": predict(classifier, voxels.patches), **predicted}
+    return {name: score(voxels, p, config.data.families) for name, p in predicted.items()}
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """The order of sums, and with it the last bits, must not depend on the number of cores."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def predict(classifier: Classifier, patches: FloatArray) -> IntArray:
@@ -185,6 +218,7 @@ def make_card(config: TrainConfig, sets: Sets, outcome: TrainingOutcome) -> dict
     """What the weights are, without their scores: ``summarise`` adds them."""
     return {
         "hidden_sizes": list(config.hidden_sizes),
+        "activation": config.activation.value,
         "patch": config.data.patch.value,
         "seed": config.seed,
         "training_data": {"samples": len(sets.training), "digest": sets.training.digest()},

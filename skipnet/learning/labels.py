@@ -1,8 +1,8 @@
 """The true class of a feature voxel, from the scene's geometry and where the sensor stood.
 
-The scan itself takes no part, except that it says at which positions a label is asked for. The scene's
-surfaces are sampled densely, the samples that the sensor can see are kept, and around each position
-the distinct surfaces among them are counted: one is a plane, two an edge, three or more a
+The scan itself takes no part, except that it says at which positions a label is asked for. The
+scene's surfaces are sampled densely, the samples that the sensor can see are kept, and around each
+position the distinct surfaces among them are counted: one is a plane, two an edge, three or more a
 corner, whose kind follows from how the surfaces lie to each other (``skipnet.types.FeatureClass``).
 
 What counts as a surface at a position is the definition's other half:
@@ -15,13 +15,14 @@ What counts as a surface at a position is the definition's other half:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from skipnet.geometry import invert, transform_points
 from skipnet.simulation.scanner import Scanner
 from skipnet.simulation.scenes import Scene
-from skipnet.types import FeatureClass, FloatArray, IntArray
+from skipnet.types import BoolArray, FeatureClass, FloatArray, IntArray
 
 MAX_SURFACES = 8
 """Surfaces told apart around one position; further, smaller ones change no class."""
@@ -47,13 +48,13 @@ class VisibleSurface:
 class LabelRule:
     """What counts as a surface; lengths in voxels, so that it scales with the patch."""
 
-    radius_voxels: float = 2.0
-    min_area_voxels2: float = 1.0
+    radius_voxels: float = 2.5
+    min_area_voxels2: float = 3.0
     """Visible area; a plane through the centre shows pi radius^2."""
-    min_beams: float = 3.0
+    min_beams: float = 6.0
     merge_angle_rad: float = float(np.deg2rad(15.0))
     """Surfaces whose normals differ by less, and ..."""
-    merge_offset_voxels: float = 0.3
+    merge_offset_voxels: float = 0.5
     """... whose planes lie closer than this, are one."""
 
 
@@ -62,11 +63,11 @@ def sample_scene(
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Cover every triangle evenly with samples, about one per ``spacing_m`` squared.
 
-    Each triangle gets its own stretch of the R2 low-discrepancy sequence (Roberts 2018), so that the area
-    seen through a small ball is met far better than by random points.
+    Each triangle gets its own stretch of the R2 low-discrepancy sequence (Roberts 2018), so that
+    the area seen through a small ball is met far better than by random points.
 
     Returns:
-        (S, 3) points and (S, 3) unit normals in the world frame, (S,) triangle rows, (S,) areas in m2.
+        (S, 3) points and (S, 3) unit normals in the world frame, (S,) triangle rows, (S,) areas.
     """
     a, b, c = (scene.vertices_m[scene.triangles[:, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)
@@ -125,13 +126,13 @@ def label_positions(
         rule: what counts as a surface.
 
     Returns:
-        (K,) int64 ``FeatureClass`` values; -1 where the sensor sees no surface at all within the radius.
+        (K,) int64 ``FeatureClass`` values; -1 where the sensor sees no surface within the radius.
     """
     around = _surfaces_around(positions_m, visible, voxel_size_m, rule)
     return classify_surfaces(around.points_m, around.normals, around.present)
 
 
-def classify_surfaces(points_m: FloatArray, normals: FloatArray, present: FloatArray) -> IntArray:
+def classify_surfaces(points_m: FloatArray, normals: FloatArray, present: BoolArray) -> IntArray:
     """Class of (K, M) surfaces given by a point and a sensor-side normal each.
 
     Two surfaces are concave to each other when each one's point lies in front of the other
@@ -176,7 +177,7 @@ class _Around:
     """(K, M, 3)"""
     normals: FloatArray
     """(K, M, 3)"""
-    present: FloatArray
+    present: BoolArray
     """(K, M) bool"""
 
 
@@ -191,7 +192,7 @@ def _surfaces_around(
     owner = group // surfaces
 
     def total(values: FloatArray) -> FloatArray:
-        return np.bincount(row, weights=values, minlength=len(group))
+        return np.bincount(row, weights=values, minlength=len(group)).astype(np.float64)
 
     weight = visible.areas_m2[sample]
     area_m2, beams = total(weight), total(visible.beams[sample])
@@ -252,7 +253,7 @@ def _pairs_within(
     found = cKDTree(points_m).query_ball_point(positions_m, radius_m, return_sorted=False)
     sizes = np.fromiter((len(rows) for rows in found), dtype=np.int64, count=len(found))
     position = np.repeat(np.arange(len(positions_m)), sizes)
-    return position, np.concatenate([np.asarray(rows, dtype=np.int64) for rows in found] or [[]])
+    return position, np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(sizes.sum()))
 
 
 def beam_density(scanner: Scanner, directions: FloatArray) -> FloatArray:
@@ -272,7 +273,7 @@ def beam_density(scanner: Scanner, directions: FloatArray) -> FloatArray:
     return np.where(inside, per_rad2 / np.maximum(np.cos(elevation_rad), 1e-2), 0.0)
 
 
-def _unoccluded(scene: Scene, sensor_m: FloatArray, points_m: FloatArray) -> FloatArray:
+def _unoccluded(scene: Scene, sensor_m: FloatArray, points_m: FloatArray) -> BoolArray:
     """(S,) bool: nothing stands between the sensor and the point."""
     hits = scene.raycaster().cast(sensor_m, points_m - sensor_m)
     # The ray's unit is the way to the point: 1 is the point itself, met up to rounding.

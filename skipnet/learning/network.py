@@ -1,4 +1,4 @@
-"""The classifier of feature voxels: a small perceptron, its weights and the card that goes with them."""
+"""The classifier of feature voxels: a small perceptron, its weights and their card."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from torch import nn
 from skipnet.types import FeatureClass, FloatArray
 
 PATCH_SIZE = 125
+ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "gelu": nn.GELU}
 SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "classifier.pt"
 
 
@@ -24,24 +25,34 @@ class PatchNetwork(nn.Module):
     The scaling of the inputs belongs to the network and is stored with its weights.
 
     Args:
-        hidden_sizes: units per hidden layer, each followed by tanh (MATLAB's tansig).
+        hidden_sizes: units per hidden layer.
+        activation: of the hidden units, "tanh" (MATLAB's tansig) or "gelu".
+        dropout: share of the hidden units that training leaves out at random.
         outputs: number of classes.
+
+    Raises:
+        ValueError: no hidden units, or an unknown activation.
     """
 
     input_offset: torch.Tensor
     input_gain: torch.Tensor
 
     def __init__(
-        self, hidden_sizes: Sequence[int] = (50,), outputs: int = len(FeatureClass)
+        self,
+        hidden_sizes: Sequence[int] = (50,),
+        activation: str = "tanh",
+        dropout: float = 0.0,
+        outputs: int = len(FeatureClass),
     ) -> None:
         super().__init__()
         if not hidden_sizes or min(hidden_sizes) < 1:
             raise ValueError(f"hidden_sizes must name positive layer sizes, got {hidden_sizes}")
-        self.hidden_sizes = tuple(int(size) for size in hidden_sizes)
-        sizes = (PATCH_SIZE, *self.hidden_sizes)
+        if activation not in ACTIVATIONS:
+            raise ValueError(f"activation is {activation!r}; expected {' or '.join(ACTIVATIONS)}")
+        sizes = (PATCH_SIZE, *hidden_sizes)
         layers: list[nn.Module] = []
         for inputs, units in zip(sizes, sizes[1:], strict=False):
-            layers += [nn.Linear(inputs, units), nn.Tanh()]
+            layers += [nn.Linear(inputs, units), ACTIVATIONS[activation](), nn.Dropout(dropout)]
         self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], outputs))
         self.register_buffer("input_offset", torch.zeros(PATCH_SIZE))
         self.register_buffer("input_gain", torch.ones(PATCH_SIZE))
@@ -52,8 +63,8 @@ class PatchNetwork(nn.Module):
         Args:
             patches: what the network will be trained on.
             scaling: "minmax" to [-1, 1] as MATLAB's ``mapminmax``, or "standard" to mean 0 and
-                standard deviation 1. An input that never changes gets gain 0 either way, which is the
-                same as leaving it out (MATLAB's ``removeconstantrows``).
+                standard deviation 1. An input that never changes gets gain 0 either way, which is
+                the same as leaving it out (MATLAB's ``removeconstantrows``).
 
         Raises:
             ValueError: another scaling.
@@ -79,7 +90,7 @@ class Classifier:
 
     network: PatchNetwork
     card: dict[str, Any]
-    """How it came about: ``hidden_sizes``, ``patch``, configuration, data hash, seed, scores."""
+    """How it came about: layers, kind of patch, configuration, hash of the data, seed, scores."""
 
 
 def classify(classifier: Classifier, patches: FloatArray) -> FloatArray:
@@ -123,7 +134,7 @@ def load_classifier(path: Path | str | None = None) -> Classifier:
         if not file.is_file():
             raise FileNotFoundError(f"no classifier file {file}; python train.py writes one")
     card = json.loads(card_path.read_text())
-    network = PatchNetwork(card["hidden_sizes"])
+    network = PatchNetwork(card["hidden_sizes"], card["activation"])
     try:
         network.load_state_dict(torch.load(path, weights_only=True), strict=True)
     except RuntimeError as error:

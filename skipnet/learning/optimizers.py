@@ -1,8 +1,8 @@
-"""Optimisers by name, and Moller's scaled conjugate gradient as a ``torch.optim.Optimizer``.
+"""Moller's scaled conjugate gradient as a ``torch.optim.Optimizer``.
 
-MATLAB's ``trainscg``, which the paper used, has no counterpart in PyTorch; ``ScaledConjugateGradient``
-fills the gap. Every optimiser here is stepped with a closure, so that the training loop need not know
-which one it holds.
+MATLAB's ``trainscg``, which the paper used, has no counterpart in PyTorch; this one fills the gap.
+It is stepped with a closure, as any optimiser may be, so the training loop need not know which
+optimiser it holds.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class ScaledConjugateGradient(torch.optim.Optimizer):
 
     One ``step`` is one iteration k of M. F. Moller, "A scaled conjugate gradient algorithm for fast
     supervised learning", Neural Networks 6 (1993) 525-533, section 4. There is no line search: the
-    curvature along the direction comes from one difference of gradients, and a scale ``lambda`` keeps it
-    positive, as in Levenberg-Marquardt. An iteration costs two evaluations of the closure, or one
-    after an iteration that was refused.
+    curvature along the direction comes from one difference of gradients, and a scale ``lambda``
+    keeps it positive, as in Levenberg-Marquardt. An iteration costs two evaluations of the closure,
+    or one after an iteration that was refused.
 
     Args:
         params: parameters to optimise, one group. Use float64: a difference over ``sigma`` has lost
@@ -51,7 +51,7 @@ class ScaledConjugateGradient(torch.optim.Optimizer):
         """Run one iteration and return the loss where the parameters are now.
 
         Args:
-            closure: clears the gradients, computes the loss, calls ``backward`` and returns the loss.
+            closure: clears the gradients, computes the loss, calls ``backward``, returns the loss.
                 It must compute the same function at every step.
 
         Raises:

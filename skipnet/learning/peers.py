@@ -12,6 +12,8 @@ from skipnet.types import FloatArray, IntArray
 
 SVC_SAMPLES = 20_000
 """An SVC's training time grows with the square of the samples; it sees at most so many."""
+COMPARED_VOXELS = 40_000
+"""Voxels drawn from the test for the comparison: kNN and SVC are slow to answer."""
 
 
 def make_peers(seed: int) -> dict[str, Any]:
@@ -46,7 +48,8 @@ def predict_with_peers(
     Returns:
         (K,) classes and the seconds of training, per peer.
     """
-    predicted, seconds = {}, {}
+    predicted: dict[str, IntArray] = {}
+    seconds: dict[str, float] = {}
     for name, peer in make_peers(seed).items():
         rows = np.arange(len(training))
         if name == "SVC" and len(rows) > SVC_SAMPLES:

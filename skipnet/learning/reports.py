@@ -47,7 +47,7 @@ def write_config(config: TrainConfig, path: Path) -> None:
 def log_epoch(
     writer: SummaryWriter, validation: Samples, record: EpochRecord, network: PatchNetwork
 ) -> None:
-    """Losses, and on the validation set accuracy, F1, each class's recall, now and then the matrix."""
+    """Losses; on the validation set accuracy, F1, recalls and, now and then, the matrix."""
     patches = torch.as_tensor(validation.patches, dtype=network.input_gain.dtype)
     with torch.no_grad():
         counts = confusion_matrix(validation.labels, network(patches).argmax(dim=1).numpy())

@@ -43,9 +43,9 @@ def score(
         families: names behind ``samples.families``.
 
     Returns:
-        One entry per group: ``all``, ``range 0-2 m`` ..., ``family paper_room`` ...; each with ``voxels``,
-        ``accuracy``, ``macro_f1`` and F1 and number of voxels of every class. Groups without a voxel
-        are left out.
+        One entry per group: ``all``, ``range 0-2 m`` ..., ``family paper_room`` ...; each with
+        ``voxels``, ``accuracy``, ``macro_f1``, and F1 and number of voxels of every class. Groups
+        without a voxel are left out.
     """
     groups: dict[str, Any] = {"all": np.ones(len(samples), dtype=bool)}
     for low_m, high_m in zip(RANGE_LIMITS_M, RANGE_LIMITS_M[1:], strict=False):

@@ -114,7 +114,7 @@ def train_network(
     """Fit ``network`` in place; it ends with the weights of the lowest validation loss.
 
     Args:
-        network: its input scaling is taken from the training patches; its dtype decides the precision.
+        network: its input scaling is taken from the training patches; its dtype is the precision.
         training: the samples to fit.
         validation: the samples that decide when to stop.
         make_optimizer: called with the network's parameters.
@@ -136,13 +136,16 @@ def train_network(
         raise ValueError("scaled conjugate gradient needs the full batch; set batch_size=null")
     schedule = _cosine_schedule(optimizer, rules.epochs if cosine_decay else None)
     watch = _Watch(rules)
+    network.eval()
     watch.see(network, _loss(network, train_set), _loss(network, validation_set), math.inf)
     generator = torch.Generator().manual_seed(seed)
     while watch.stop_reason is None:
         loss = 0.0
+        network.train()
         for batch in _batches(train_set, batch_size, generator):
             share = len(batch[1]) / len(train_set[1])
             loss += share * _step(network, optimizer, batch)
+        network.eval()
         schedule.step()
         gradient = _gradient_norm(network, optimizer) if batch_size is None else math.inf
         record = watch.see(network, loss, _loss(network, validation_set), gradient)
@@ -205,7 +208,7 @@ def _step(network: PatchNetwork, optimizer: torch.optim.Optimizer, batch: Batch)
         loss.backward()
         return loss
 
-    return float(optimizer.step(closure).detach())  # type: ignore[arg-type, union-attr]
+    return torch.as_tensor(optimizer.step(closure)).item()  # type: ignore[arg-type]
 
 
 @torch.no_grad()
