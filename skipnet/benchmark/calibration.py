@@ -27,6 +27,8 @@ FIRST_SEED = 50_000
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
 SCANNERS = ("terrestrial", "rings")
 REGULARISATION = 1.0
+FIGURES = ("overlap", "violation", "margin", "matched_voxels", "residual_voxels")
+"""Names in a result's details of what ``Findings.features_from`` takes."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,8 @@ def features_of(result: Registration) -> FloatArray | None:
     found = result.details
     if found["overlap"] is None:
         return None
-    return Findings.features_from(
-        *(float(found[name]) for name in ("overlap", "violation", "margin")),  # type: ignore[arg-type]
-        int(found["matched_voxels"]),  # type: ignore[call-overload]
-        float(found["residual_voxels"]),  # type: ignore[arg-type]
-    )
+    figures = [found[name] for name in FIGURES]
+    return Findings.features_from(*figures)  # type: ignore[arg-type]
 
 
 def fit(trials: list[Trial]) -> dict[str, object]:

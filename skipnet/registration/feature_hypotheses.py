@@ -12,6 +12,7 @@ from skipnet.registration.hypotheses import (
     bisector_frames,
     from_correspondences,
 )
+from skipnet.registration.plane_rotations import oblique_pairs
 from skipnet.types import FloatArray, IntArray
 
 
@@ -64,8 +65,8 @@ def from_edges(
         max_angle_rad: largest difference of the angles.
         count: the longest edges' poses are kept.
     """
-    i, j = _oblique_pairs(source.directions, ordered=False)
-    k, m = _oblique_pairs(target.directions, ordered=True)
+    i, j = oblique_pairs(source.directions, ordered=False)
+    k, m = oblique_pairs(target.directions, ordered=True)
     if len(i) == 0 or len(k) == 0:
         return NO_HYPOTHESES
     angle_s, gap_s = _angle_and_gap(source, i, j)
@@ -86,14 +87,6 @@ def from_edges(
         poses.append(make_transform(rotation, centre_t - (rotation @ centre_s[..., None])[..., 0]))
     T_target_source = np.concatenate(poses)
     return Hypotheses(T_target_source, np.tile(np.sqrt(weight[best]), 4))
-
-
-def _oblique_pairs(directions: FloatArray, ordered: bool) -> tuple[IntArray, IntArray]:
-    """Index pairs of lines at least 20 degrees from parallel."""
-    cosine = np.abs(directions @ directions.T)
-    pairs = cosine < np.cos(np.deg2rad(20))
-    first, second = np.nonzero(pairs if ordered else np.triu(pairs))
-    return first, second
 
 
 def _angle_and_gap(lines: Lines, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray]:

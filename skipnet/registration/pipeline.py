@@ -26,6 +26,8 @@ from skipnet.types import FloatArray, IntArray, Registration
 
 AMBIGUOUS_LEAD = 0.05
 """A rival whose score comes within this share of the best one's explains the data as well."""
+CHANCE_SCORE = 0.1
+"""What some pose always scores: a lead counts against this, though no rival be found."""
 CLEAR_CONFIDENCE = 0.99
 """With this much confidence no further generator is asked."""
 
@@ -258,11 +260,12 @@ def summarise(
     """
     best, rivals = kept[0], kept[1:]
     top = max(float(score.total[best]), 1e-9)
-    lead = (top - score.total[rivals]) / top
+    lead = 1 - score.total[rivals] / top
+    closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
     return Findings(
         overlap=float(score.overlap[best]),
         violation=float(score.violation[best]),
-        margin=float(lead.min()) if len(rivals) else 1.0,
+        margin=float(max(1 - closest / top, 0.0)),
         matched=int(fine.matched[0]),
         residual_voxels=float(fine.residual_m[0] / voxel_size_m),
         free_directions=free_directions(fine.information[0], fine.matched[0]),

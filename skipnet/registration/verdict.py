@@ -53,7 +53,7 @@ class Findings:
     ) -> FloatArray:
         """(F,) features of figures as this class holds them."""
         logarithm = np.log10(1 + matched)
-        return np.array([overlap, np.sqrt(violation), min(margin, 1.0), logarithm, residual_voxels])
+        return np.array([overlap, np.sqrt(violation), margin, logarithm, residual_voxels])
 
 
 @dataclass(frozen=True)
