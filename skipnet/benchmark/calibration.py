@@ -27,7 +27,7 @@ FIRST_SEED = 50_000
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
 SCANNERS = ("terrestrial", "rings")
 REGULARISATION = 1.0
-FIGURES = ("overlap", "violation", "margin", "matched_voxels", "residual_voxels")
+FIGURES = ("overlap", "violation", "margin", "held_voxels")
 """Names in a result's details of what ``Findings.features_from`` takes."""
 
 
@@ -56,7 +56,7 @@ def _trials_of_scene(
     pair = simulate_pair(family, seed, scanner=scanner, rotation="any").pair
     other = simulate_pair(family, seed + 1, scanner=scanner, rotation="any").pair
     rng = np.random.default_rng(seed)
-    for passers_by in (0, int(rng.integers(1, 6))):
+    for passers_by in (0, int(rng.integers(2, 12))):
         source_m = add_passers_by(pair.source_m, passers_by, rng)
         for target_m, kind in ((pair.target_m, "same"), (other.target_m, "different")):
             disturbed_m = add_passers_by(target_m, passers_by, rng)

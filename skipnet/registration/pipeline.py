@@ -19,7 +19,7 @@ from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes, from_slides
 from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
-from skipnet.registration.verdict import Findings, Verdict, decide, free_directions
+from skipnet.registration.verdict import Findings, Verdict, decide, holds, is_free
 from skipnet.registration.verification import Score, distinct, judge, shortlist
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray, IntArray, Registration
@@ -215,6 +215,7 @@ class Answer:
             "margin": found and found.margin,
             "matched_voxels": found and found.matched,
             "residual_voxels": found and found.residual_voxels,
+            "held_voxels": found and found.held_voxels,
             "free_directions": found and found.free_directions.tolist(),
             "alternatives_T_target_source": found and found.alternatives.tolist(),
         }
@@ -262,13 +263,15 @@ def summarise(
     top = max(float(score.total[best]), 1e-9)
     lead = 1 - score.total[rivals] / top
     closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
+    share, directions = holds(fine.information[0], fine.matched[0])
     return Findings(
         overlap=float(score.overlap[best]),
         violation=float(score.violation[best]),
         margin=float(max(1 - closest / top, 0.0)),
         matched=int(fine.matched[0]),
         residual_voxels=float(fine.residual_m[0] / voxel_size_m),
-        free_directions=free_directions(fine.information[0], fine.matched[0]),
+        held_voxels=float(share[0] * fine.matched[0]),
+        free_directions=directions[is_free(share, fine.matched[0])],
         alternatives=T_target_source[rivals[lead < AMBIGUOUS_LEAD]],
     )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.types import FloatArray
+from skipnet.types import BoolArray, FloatArray
 
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
 MIN_CONFIDENCE = 0.8
@@ -18,7 +18,7 @@ MIN_DETERMINED = 1e-3
 """A direction that holds less than this share of the normals' information is free to slide."""
 MIN_DETERMINING_VOXELS = 5.0
 """... and so is one that fewer voxels than this face."""
-FEATURES = ("overlap", "violation", "margin", "matched", "residual")
+FEATURES = ("overlap", "violation", "margin", "held")
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,8 @@ class Findings:
     """Correspondences of the fine alignment."""
     residual_voxels: float
     """Median distance of these along the normals."""
+    held_voxels: float
+    """Voxels, in effect, that face the direction in which the pose is held least."""
     free_directions: FloatArray
     """(F, 3) unit directions in the target's frame along which the data let the pose slide."""
     alternatives: FloatArray
@@ -43,17 +45,14 @@ class Findings:
     @property
     def features(self) -> FloatArray:
         """What the confidence is computed from, in the order of ``FEATURES``."""
-        return self.features_from(
-            self.overlap, self.violation, self.margin, self.matched, self.residual_voxels
-        )
+        return self.features_from(self.overlap, self.violation, self.margin, self.held_voxels)
 
     @staticmethod
     def features_from(
-        overlap: float, violation: float, margin: float, matched: int, residual_voxels: float
+        overlap: float, violation: float, margin: float, held_voxels: float
     ) -> FloatArray:
         """(F,) features of figures as this class holds them."""
-        logarithm = np.log10(1 + matched)
-        return np.array([overlap, np.sqrt(violation), margin, logarithm, residual_voxels])
+        return np.array([overlap, np.sqrt(violation), margin, np.log10(1 + held_voxels)])
 
 
 @dataclass(frozen=True)
@@ -95,20 +94,28 @@ def confidence_of(features: FloatArray) -> float:
     return float(1 / (1 + np.exp(-(features @ weights + bias))))
 
 
-def free_directions(information: FloatArray, matched: int) -> FloatArray:
-    """(F, 3) unit directions along which the matched normals do not hold the translation.
+def holds(information: FloatArray, matched: int) -> tuple[FloatArray, FloatArray]:
+    """How firmly the matched normals hold the translation, along its three principal directions.
 
     Args:
         information: (6, 6) normal matrix of (rotation, translation).
         matched: correspondences that it sums over.
+
+    Returns:
+        (3,) shares of the matches that face each direction, ascending (they sum to 1; all 0 without
+        matches), and (3, 3) the unit directions in rows.
     """
     held = information[3:, 3:]
     trace = np.trace(held)
-    if trace <= 0:
-        return np.eye(3)
+    if matched == 0 or trace <= 0:
+        return np.zeros(3), np.eye(3)
     share, vectors = np.linalg.eigh(held / trace)
-    free = (share < MIN_DETERMINED) | (share * matched < MIN_DETERMINING_VOXELS)
-    return vectors[:, free].T
+    return np.clip(share, 0.0, 1.0), vectors.T
+
+
+def is_free(share: FloatArray, matched: int) -> BoolArray:
+    """Which directions, of these shares of the matches, nothing holds."""
+    return (share < MIN_DETERMINED) | (share * matched < MIN_DETERMINING_VOXELS)
 
 
 @cache
