@@ -14,7 +14,7 @@ from skipnet.geometry import (
     transform_points,
 )
 from skipnet.registration.refinement import refine
-from skipnet.registration.verdict import free_directions
+from skipnet.registration.verdict import holds, is_free
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
@@ -135,7 +135,8 @@ def test_one_plane_holds_one_translation_and_two_rotations():
     fine = refine(np.eye(4)[None], levels)
     held = np.linalg.eigvalsh(fine.information[0])
     assert (held > 1e-6 * held[-1]).sum() == 3
-    free = free_directions(fine.information[0], fine.matched[0])
+    share, directions = holds(fine.information[0], fine.matched[0])
+    free = directions[is_free(share, fine.matched[0])]
     assert free.shape == (2, 3)
     np.testing.assert_allclose(free[:, 0], 0, atol=1e-6)
     # What the plane does not hold stays where it was.
