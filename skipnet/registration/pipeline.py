@@ -14,6 +14,7 @@ from skipnet.clouds.cleaning import denoise, validate
 from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import invert
+from skipnet.learning.descriptor import correspond, load_descriptor
 from skipnet.registration.feature_hypotheses import from_corners, from_edges
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes, from_slides
@@ -156,7 +157,11 @@ def propose(
             return from_planes(planes, target.planes, size_m)
         voxels = source.skipmap.centroids_m, target.skipmap.centroids_m
         return from_slides(planes, target.planes, *voxels, size_m)
-    rows_s, rows_t, distance = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
+    if generator is Generator.fpfh:
+        found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
+    else:
+        found = correspond(source.skipmap, target.skipmap, load_descriptor())
+    rows_s, rows_t, distance = found
     best = np.argsort(distance, kind="stable")[: config.max_correspondences]
     source_m = source.skipmap.centroids_m[rows_s[best]]
     target_m = target.skipmap.centroids_m[rows_t[best]]

@@ -12,8 +12,8 @@ import numpy as np
 from skipnet.types import BoolArray, FloatArray
 
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
-MIN_CONFIDENCE = 0.8
-"""A pose counts as registered from here on."""
+MIN_CONFIDENCE = 0.5
+"""A pose that is more likely right than wrong counts as registered."""
 MIN_DETERMINED = 1e-3
 """A direction that holds less than this share of the normals' information is free to slide."""
 MIN_DETERMINING_VOXELS = 5.0
