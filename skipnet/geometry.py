@@ -73,7 +73,8 @@ def principal_frame(points_m: FloatArray) -> FloatArray:
     centre_m = points_m.mean(axis=0, dtype=np.float64)
     centred_m = points_m - centre_m
     axes = np.linalg.eigh(centred_m.T @ centred_m)[1][:, ::-1]
-    skewness = ((centred_m @ axes) ** 3).sum(axis=0)
+    along_m = centred_m @ axes
+    skewness = (along_m * along_m * along_m).sum(axis=0)  # several times faster than ** 3
     axes = axes * np.where(skewness < 0, -1.0, 1.0)
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])  # right-handed, whatever the third skewness says
     return make_transform(axes, centre_m)
