@@ -27,6 +27,9 @@ FRAME_REACH_VOXELS = 2.5
 """Neighbours that define the frame."""
 FLAT_CURVATURE = 0.02
 """Curvature at which a neighbour's normal counts half: across an edge it belongs to no surface."""
+MASS_POWER = 1 / 3
+"""A cell's value is its mass to this power: whether a surface just reaches a cell tells more than
+how much of it lies there."""
 UNDECIDED = 0.05
 """Mean normal along an axis below which the normals do not tell its two ends apart."""
 MIN_CURVATURE = 0.01
@@ -87,7 +90,7 @@ def _surface_frame(skipmap: SkipMap, voxel_indices: IntArray) -> FloatArray:
     axes = surface_frames(near, oriented=skipmap.viewpoint_m is not None)
     local_voxels = np.einsum("pi,pij->pj", near.offsets_voxels, axes[near.owner])
     relative = near.counts / near.mean(near.counts)[near.owner]
-    return _spread(local_voxels / CELL_VOXELS, np.log1p(relative), near)
+    return _spread(local_voxels / CELL_VOXELS, np.log1p(relative), near) ** np.float32(MASS_POWER)
 
 
 @dataclass(frozen=True)
@@ -167,15 +170,18 @@ def _spread(local_cells: FloatArray, values: FloatArray, near: Neighbours) -> Fl
     Sub-voxel positions survive that: the shares' centre of mass is the place itself.
     """
     padded = CELLS + 2  # a rim of cells catches what falls outside
+    strides = (padded**2, padded, 1)
     place = np.clip(local_cells + padded // 2, 0, padded - 1 - 1e-4)
     low = place.astype(np.int32)
-    share = place - low
-    base = near.owner * padded**3 + low @ np.array([padded**2, padded, 1])
-    cells = np.zeros(len(near.starts) * padded**3)
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.where(corner, share, 1 - share).prod(axis=1) * values
-        step = int(np.dot(corner, [padded**2, padded, 1]))
-        cells += np.bincount(base + step, weights=weight, minlength=len(cells))
+    upper = place - low
+    shares = np.stack([1 - upper, upper])
+    base = near.owner * padded**3 + low @ np.array(strides)
+    size = len(near.starts) * padded**3
+    cells = np.zeros(size)
+    for x, y, z in np.ndindex(2, 2, 2):
+        weight = shares[x, :, 0] * shares[y, :, 1] * shares[z, :, 2] * values
+        step = x * strides[0] + y * strides[1] + z * strides[2]
+        cells += np.bincount(base + step, weights=weight, minlength=size)
     inside = cells.reshape(-1, padded, padded, padded)[:, 1:-1, 1:-1, 1:-1]
     return inside.reshape(-1, PATCH_SIZE).astype(np.float32)
 

@@ -22,6 +22,7 @@ from skipnet.learning.network import (
     Classifier,
     PatchNetwork,
     classify,
+    round_to_half,
     save_classifier,
 )
 from skipnet.learning.peers import COMPARED_VOXELS, predict_with_peers
@@ -72,7 +73,9 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
     with open_dashboard(folder / "tensorboard") as writer:
         network, outcome = fit(config, sets, partial(reports.log_epoch, writer, sets.validation))
         seconds["training"] = time.perf_counter() - start_s - seconds["data"]
-        classifier = Classifier(network.float().eval(), make_card(config, sets, outcome))
+        classifier = Classifier(
+            round_to_half(network.float().eval()), make_card(config, sets, outcome)
+        )
         predicted = predict(classifier, sets.unseen.patches)
         scores = {"network": score(sets.unseen, predicted, config.data.families)}
         if config.compare_sklearn:
