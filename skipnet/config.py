@@ -45,6 +45,9 @@ class Generator(Enum):
     planes = "planes"
     slides = "slides"
     descriptors = "descriptors"
+    """The learned ones."""
+    fpfh = "fpfh"
+    """Descriptors computed by a fixed rule, for comparison; slower, and Open3D's."""
 
 
 @dataclass
@@ -142,6 +145,13 @@ class PatchKind(Enum):
     axis_aligned = "axis_aligned"
 
 
+class Activation(Enum):
+    """What a hidden unit does with its sum."""
+
+    tanh = "tanh"
+    gelu = "gelu"
+
+
 class InputScaling(Enum):
     """How the network's inputs are brought to one scale."""
 
@@ -162,9 +172,9 @@ class LabelConfig:
 
     radius_voxels: float = 2.5
     """A surface farther away does not count: half the width of 5 voxels."""
-    min_area_voxels2: float = 2.5
+    min_area_voxels2: float = 3.0
     """Nor does one of which the sensor sees less there; a flat wall shows 19.6."""
-    min_beams: float = 4.0
+    min_beams: float = 6.0
     """Nor one that fewer of the scanner's beams meet there."""
 
     def __post_init__(self) -> None:
@@ -189,7 +199,7 @@ class DataConfig:
     """The definition of the classes."""
     split: Split = Split.by_scene
     """by_scene, or random: 70 % training, 15 % validation, 15 % test of the same scenes' voxels."""
-    training_scenes: int = 120
+    training_scenes: int = 160
     """Scenes with seeds from 0, two scans each."""
     validation_scenes: int = 15
     """Scenes with seeds from 1000; unused by split=random."""
@@ -209,7 +219,65 @@ class DataConfig:
             require(0 < count <= 1000, f"data.{name}", count, "1 to 1000: seeds must not overlap")
         for name in ("most_per_class", "workers"):
             require(getattr(self, name) > 0, f"data.{name}", getattr(self, name), "1 or more")
-        require(self.samples is None or self.samples >= 50, "data.samples", self.samples, "50 up")
+        samples = self.samples
+        require(samples is None or samples >= 50, "data.samples", samples, "50 or more, or null")
+
+
+class NetworkKind(Enum):
+    """Which network ``train.py`` trains."""
+
+    classifier = "classifier"
+    descriptor = "descriptor"
+
+
+@dataclass
+class DescriptorTrainConfig:
+    """What ``train.py experiment=descriptor`` learns from, and how."""
+
+    families: list[str] = field(
+        default_factory=lambda: ["paper_room", "oblique", "curved", "doorway", "closed", "facade"]
+    )
+    """Simulated families, taken in turn (``skipnet.simulation.scenes.FAMILIES``)."""
+    training_pairs: int = 420
+    """Pairs of scans with seeds from 0."""
+    validation_pairs: int = 30
+    """Pairs of scans with seeds from 10000."""
+    test_pairs: int = 60
+    """Pairs of scans with seeds from 20000, for the scores."""
+    patches_per_scans: int = 600
+    """Pairs of patches drawn from one pair of scans."""
+    steps: int = 3000
+    """Steps of the optimiser."""
+    scans_per_step: int = 2
+    """Pairs of scans whose patches meet in one step."""
+    patches_per_step: int = 768
+    """Pairs of patches of one step, from all its scans."""
+    learning_rate: float = 0.002
+    """Its maximum; it rises for a tenth of the steps, then falls to 0 along half a cosine."""
+    temperature: float = 0.07
+    """Cosine similarity that changes the odds of a match e-fold."""
+    hidden_units: int = 128
+    """Units of both hidden layers."""
+    output_units: int = 32
+    """Numbers of a descriptor."""
+    workers: int = 2
+    """Processes that simulate; the data do not depend on their number."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.families), "descriptor.families", self.families, "at least one family")
+        for name in ("training_pairs", "validation_pairs", "test_pairs"):
+            count = getattr(self, name)
+            limit = 10_000
+            require(0 < count <= limit, f"descriptor.{name}", count, f"1 to {limit}")
+        for name in ("patches_per_scans", "steps", "scans_per_step", "workers"):
+            require(getattr(self, name) > 0, f"descriptor.{name}", getattr(self, name), "1 or more")
+        for name in ("hidden_units", "output_units"):
+            require(getattr(self, name) > 0, f"descriptor.{name}", getattr(self, name), "1 or more")
+        per_step = self.patches_per_step
+        least = 2 * self.scans_per_step
+        require(per_step >= least, "descriptor.patches_per_step", per_step, f"{least} or more")
+        for name in ("learning_rate", "temperature"):
+            require(getattr(self, name) > 0, f"descriptor.{name}", getattr(self, name), "above 0")
 
 
 @dataclass
@@ -218,10 +286,19 @@ class TrainConfig:
 
     experiment_name: str = "scenes"
     """Its name in reports."""
+    network: NetworkKind = NetworkKind.classifier
+    """classifier of feature voxels, or descriptor: of the options below, it takes only
+    ``descriptor``, ``seed``, ``ship`` and ``output_dir``."""
+    descriptor: DescriptorTrainConfig = field(default_factory=DescriptorTrainConfig)
+    """How to train the descriptor."""
     data: DataConfig = field(default_factory=DataConfig)
     """What to learn from."""
-    hidden_sizes: list[int] = field(default_factory=lambda: [128, 48])
+    hidden_sizes: list[int] = field(default_factory=lambda: [192, 96])
     """Units of each hidden layer; the paper's network is [50]."""
+    activation: Activation = Activation.gelu
+    """gelu, or tanh as in the paper's network (MATLAB's tansig)."""
+    dropout: float = 0.2
+    """Share of the hidden units that training leaves out at random; 0 none."""
     input_scaling: InputScaling = InputScaling.standard
     """standard: mean 0, deviation 1; minmax: to [-1, 1], MATLAB's mapminmax."""
     optimizer: dict[str, Any] = field(default_factory=dict)
@@ -232,7 +309,7 @@ class TrainConfig:
     """Let the learning rate fall to 0 over the epochs."""
     batch_size: int | None = 512
     """Samples per step; null takes all at once, as MATLAB does."""
-    epochs: int = 20
+    epochs: int = 25
     """Passes over the training set at most."""
     goal: float = 0.0
     """Training loss at which to stop: cross-entropy averaged over outputs and samples."""
@@ -240,8 +317,8 @@ class TrainConfig:
     """Stop when the full batch's gradient is shorter; 0 never."""
     max_fail: int = 0
     """Stop after so many epochs above the lowest validation loss; 0 never."""
-    frequency_strength: float = 0.5
-    """Weight of a sample: its class's frequency in the scan to this power. 1 as in the scan, 0 none."""
+    frequency_strength: float = 0.75
+    """A thinned class gets back this power of what thinning took: 1 as in the scan, 0 nothing."""
     double_precision: bool = False
     """Train in float64; scaled conjugate gradient needs it. Weights are stored in float32."""
     ship: bool = False
@@ -257,6 +334,7 @@ class TrainConfig:
         sizes = self.hidden_sizes
         require(bool(sizes) and min(sizes) > 0, "hidden_sizes", sizes, "positive layer sizes")
         require(self.learning_rate > 0, "learning_rate", self.learning_rate, "above 0")
+        require(0 <= self.dropout < 1, "dropout", self.dropout, "0 or more and below 1")
         batch = self.batch_size
         require(batch is None or batch > 0, "batch_size", batch, "1 or more, or null for all")
         require(self.epochs > 0, "epochs", self.epochs, "1 or more")
