@@ -1,4 +1,4 @@
-"""Train the classifier of feature voxels: ``python train.py --help``."""
+"""Train the classifier of feature voxels or the descriptor: ``python train.py --help``."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from skipnet import command
-from skipnet.config import TrainConfig
+from skipnet.config import NetworkKind, TrainConfig
 
 CONFIG_DIR = Path(__file__).parent / "configs"
 
 
 def main(config: TrainConfig) -> dict[str, Any]:
     """Run the experiment that ``config`` describes, print its table and return its summary."""
-    from skipnet.learning.experiment import run_experiment
+    if config.network is NetworkKind.descriptor:
+        from skipnet.learning.descriptor_experiment import train_descriptor as run_experiment
+    else:
+        from skipnet.learning.experiment import run_experiment
 
     summary = run_experiment(config)
     print((Path(config.output_dir) / "scores.md").read_text())
