@@ -215,6 +215,24 @@ def test_training_data_come_from_no_file() -> None:
     assert not clouds, f"training opened {clouds}"
 
 
+def test_train_py_writes_a_descriptor_that_loads(tmp_path: Path) -> None:
+    options = ["families=[closed]", "training_pairs=2", "validation_pairs=1", "test_pairs=2"]
+    options += ["patches_per_scans=100", "patches_per_step=128", "steps=20", "workers=1"]
+    script = Path(__file__).parents[1] / "train.py"
+    run = subprocess.run(
+        [sys.executable, str(script), "experiment=descriptor", f"output_dir={tmp_path}"]
+        + [f"descriptor.{option}" for option in options],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "| fpfh | 2 |" in run.stdout
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    card = load_descriptor(tmp_path / "descriptor.npz").card
+    assert card["scores"] == summary["unseen"] and summary["unseen"]["learned"]["pairs"] == 2
+    assert list((tmp_path / "tensorboard").iterdir())
+
+
 def test_the_shipped_card_says_so() -> None:
     card = load_descriptor().card
     assert card["training_data"]["origin"].startswith("simulation only")
