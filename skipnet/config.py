@@ -193,6 +193,8 @@ class DataConfig:
     """Simulated families, taken in turn (``skipnet.simulation.scenes.FAMILIES``)."""
     scanner: str = "terrestrial"
     """terrestrial or rings."""
+    turn_second_scan: bool = True
+    """Turn each scene's second cloud at random; false keeps it upright, as in the paper."""
     patch: PatchKind = PatchKind.surface_frame
     """surface_frame, or axis_aligned as in the paper."""
     label: LabelConfig = field(default_factory=LabelConfig)

@@ -63,6 +63,8 @@ class Recipe:
     scanner: str = "terrestrial"
     patch: str = "surface_frame"
     rule: LabelRule = LabelRule()
+    turn_second_scan: bool = True
+    """Whether the second cloud of a scene is turned at random; else both scanners stand upright."""
     most_per_class: int | None = None
     """Voxels kept of each class and scan, drawn at random; None keeps all."""
 
@@ -115,11 +117,11 @@ def label_scene(
 ) -> list[LabelledScan]:
     """Scan a scene twice and label the feature voxels, at the voxel size registration would take.
 
-    The first cloud keeps the room's axes, as in the paper; the second is turned at random.
+    The first cloud keeps the room's axes; the second is turned as the recipe says.
     """
     scans, scene = simulate_scans(family, seed, SCANS_PER_SCENE, recipe.scanner)
     voxel_size_m = choose_voxel_size(scans[0].points_m, scans[1].points_m)
-    turns = [np.eye(3), random_rotation(rng)]
+    turns = [np.eye(3), random_rotation(rng) if recipe.turn_second_scan else np.eye(3)]
     model = find_scanner(recipe.scanner)
     return [
         label_scan(scan, scene, model, voxel_size_m, recipe.rule, turn)

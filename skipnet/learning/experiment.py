@@ -98,6 +98,7 @@ def recipe(data: DataConfig, thinned: bool = False) -> Recipe:
         scanner=data.scanner,
         patch=data.patch.value,
         rule=LabelRule(label.radius_voxels, label.min_area_voxels2, label.min_beams),
+        turn_second_scan=data.turn_second_scan,
         most_per_class=data.most_per_class if thinned else None,
     )
 
