@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
-ROOT = Path(__file__).parents[1]
+from skipnet import command
+from skipnet.config import TrainConfig
+from train import CONFIG_DIR, main
+
 SMALL = ["data.training_scenes=2", "data.validation_scenes=1", "data.test_scenes=1"]
 SMALL += ["data.families=[closed]", "data.workers=1", "data.most_per_class=25"]
 
 
-def train(*arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, str(ROOT / "train.py"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+def train(*arguments: str) -> int:
+    return command.run("train", TrainConfig, main, CONFIG_DIR, arguments=arguments)
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    result = train(*SMALL, "epochs=3", "compare_sklearn=true", f"output_dir={folder}")
-    assert result.returncode == 0, result.stderr
-    assert "| network | all |" in result.stdout
+    assert train(*SMALL, "epochs=3", "compare_sklearn=true", f"output_dir={folder}") == 0
     return folder
 
 
@@ -64,8 +60,8 @@ def test_tensorboard_shows_curves_pictures_meshes_and_hyperparameters(run: Path)
 
 
 def test_paper_experiment_is_table_1(tmp_path: Path) -> None:
-    result = train("experiment=paper", "data.test_scenes=1", f"output_dir={tmp_path}")
-    assert result.returncode == 0, result.stderr
+    scenes = ["data.training_scenes=8", "data.test_scenes=1"]
+    assert train("experiment=paper", *scenes, f"output_dir={tmp_path}") == 0
     config = yaml.safe_load((tmp_path / "config.yaml").read_text())
     assert config["hidden_sizes"] == [50]
     assert config["optimizer"]["_target_"].endswith("ScaledConjugateGradient")
@@ -78,16 +74,25 @@ def test_paper_experiment_is_table_1(tmp_path: Path) -> None:
     assert (card["hidden_sizes"], card["activation"]) == ([50], "tanh")
 
 
-@pytest.mark.parametrize("optimizer", ["adam", "sgd", "rmsprop", "lbfgs"])
-def test_every_optimiser_config_runs(optimizer: str, tmp_path: Path) -> None:
-    batch = "batch_size=null" if optimizer == "lbfgs" else "batch_size=64"
-    result = train(*SMALL, "epochs=1", batch, f"optimizer={optimizer}", f"output_dir={tmp_path}")
-    assert result.returncode == 0, result.stderr
+@pytest.mark.parametrize("name", ["adam", "adamw", "sgd", "rmsprop", "lbfgs", "scg"])
+def test_every_optimiser_config_makes_its_optimiser(name: str) -> None:
+    import torch
+    from hydra import compose, initialize_config_dir
+    from hydra.core.config_store import ConfigStore
+    from hydra.utils import instantiate
+
+    ConfigStore.instance().store(name="train_schema", node=TrainConfig)
+    with initialize_config_dir(str(CONFIG_DIR.resolve()), version_base="1.3"):
+        config = compose("train", [f"optimizer={name}", "learning_rate=0.02"])
+    weights = [torch.zeros(3, dtype=torch.float64, requires_grad=True)]
+    optimizer = instantiate(config.optimizer)(weights)
+    known = {"scg": "ScaledConjugateGradient"}.get(name, name)
+    assert type(optimizer).__name__.lower() == known.lower()
+    assert name == "scg" or optimizer.param_groups[0]["lr"] == 0.02
 
 
 def test_a_sweep_writes_one_folder_per_run(tmp_path: Path) -> None:
-    result = train("--multirun", *SMALL, "epochs=1", "seed=0,1", f"output_dir={tmp_path}")
-    assert result.returncode == 0, result.stderr
+    assert train("--multirun", *SMALL, "epochs=1", "seed=0,1", f"output_dir={tmp_path}") == 0
     seeds = [json.loads(p.read_text())["seed"] for p in sorted(tmp_path.glob("*/summary.json"))]
     assert seeds == [0, 1]
 
@@ -102,8 +107,10 @@ def test_a_sweep_writes_one_folder_per_run(tmp_path: Path) -> None:
         ("data.training_scenes=2000", "1 to 1000"),
     ],
 )
-def test_bad_options_are_one_line_and_exit_code_2(override: str, message: str) -> None:
-    result = train(override, "data.workers=1")
-    assert result.returncode == 2
-    assert message in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
+def test_bad_options_are_one_line_and_exit_code_2(
+    override: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert train(override, "data.workers=1", f"output_dir={tmp_path}") == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
