@@ -170,18 +170,17 @@ def _spread(local_cells: FloatArray, values: FloatArray, near: Neighbours) -> Fl
     Sub-voxel positions survive that: the shares' centre of mass is the place itself.
     """
     padded = CELLS + 2  # a rim of cells catches what falls outside
-    strides = (padded**2, padded, 1)
     place = np.clip(local_cells + padded // 2, 0, padded - 1 - 1e-4)
     low = place.astype(np.int32)
     upper = place - low
     shares = np.stack([1 - upper, upper])
-    base = near.owner * padded**3 + low @ np.array(strides)
+    corners = np.array(list(np.ndindex(2, 2, 2)))
+    x, y, z = corners.T
+    weights = shares[x, :, 0] * shares[y, :, 1] * shares[z, :, 2] * values
+    strides = np.array([padded**2, padded, 1])
+    cell = (near.owner * padded**3 + low @ strides) + (corners @ strides)[:, None]
     size = len(near.starts) * padded**3
-    cells = np.zeros(size)
-    for x, y, z in np.ndindex(2, 2, 2):
-        weight = shares[x, :, 0] * shares[y, :, 1] * shares[z, :, 2] * values
-        step = x * strides[0] + y * strides[1] + z * strides[2]
-        cells += np.bincount(base + step, weights=weight, minlength=size)
+    cells = np.bincount(cell.ravel(), weights=weights.ravel(), minlength=size)
     inside = cells.reshape(-1, padded, padded, padded)[:, 1:-1, 1:-1, 1:-1]
     return inside.reshape(-1, PATCH_SIZE).astype(np.float32)
 
