@@ -18,7 +18,7 @@ from skipnet.clouds.atomic import write_text
 from skipnet.config import RegistrationConfig
 from skipnet.geometry import pose_error
 from skipnet.registration.pipeline import register
-from skipnet.registration.verdict import CALIBRATION_FILE, FEATURES, Findings
+from skipnet.registration.verdict import CALIBRATION_FILE, FEATURES, MAX_VIOLATION, Findings
 from skipnet.simulation.disturbances import add_passers_by
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.types import FloatArray, Registration
@@ -85,6 +85,8 @@ def features_of(result: Registration) -> FloatArray | None:
 def fit(trials: list[Trial]) -> dict[str, object]:
     """Logistic regression of being right on the features (scikit-learn).
 
+    Trials that the verdict refuses for their violation, whatever the rest, take no part.
+
     Returns:
         What ``confidence.json`` holds: a weight per feature, the bias, and how it was fitted.
     """
@@ -92,6 +94,8 @@ def fit(trials: list[Trial]) -> dict[str, object]:
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
+    worst = np.sqrt(MAX_VIOLATION)
+    trials = [t for t in trials if t.features[FEATURES.index("violation")] <= worst]
     features = np.array([trial.features for trial in trials])
     right = np.array([trial.right for trial in trials])
     model = make_pipeline(StandardScaler(), LogisticRegression(C=REGULARISATION, max_iter=1000))

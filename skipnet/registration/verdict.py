@@ -14,6 +14,9 @@ from skipnet.types import BoolArray, FloatArray
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
 MIN_CONFIDENCE = 0.5
 """A pose that is more likely right than wrong counts as registered."""
+MAX_VIOLATION = 0.025
+"""Scans of one shell with other furniture contradict each other by 3 % and more, whatever else
+agrees; right poses of busy streets and of rooms with passers-by by up to 2 %."""
 MIN_DETERMINED = 1e-3
 """A direction that holds less than this share of the normals' information is free to slide."""
 MIN_DETERMINING_VOXELS = 5.0
@@ -81,6 +84,9 @@ def decide(findings: Findings) -> Verdict:
         poses = 1 + len(findings.alternatives)
         reason = f"{seen}, but {poses} distinct poses explain the data about equally well"
         return Verdict("ambiguous", min(confidence, 1 / poses), reason)
+    if findings.violation > MAX_VIOLATION:
+        reason = f"{seen}, but {findings.violation:.1%} lie where the other sensor saw free space"
+        return Verdict("failed", min(confidence, MIN_CONFIDENCE), reason)
     if confidence < MIN_CONFIDENCE:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict("failed", confidence, reason)
