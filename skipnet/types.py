@@ -1,6 +1,7 @@
 """The nouns that every room of skipnet shares: plain data, no behaviour.
 
-Frames: ``T_a_b`` maps a point of frame b into frame a. Points are rows, lengths metres, angles radians.
+Frames: ``T_a_b`` maps a point of frame b into frame a. Points are rows, lengths metres, angles
+radians.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class Registration:
     status: str
     """"registered", "ambiguous" or "failed"."""
     confidence: float
-    """In [0, 1]: the share of results with this value that are right. 0 surely wrong, 1 surely right."""
+    """In [0, 1]: the share of results with this value that are right; 0 surely wrong, 1 right."""
     reason: str
     """One sentence for a person: why this status."""
     timings_s: dict[str, float] = field(default_factory=dict)

@@ -84,7 +84,7 @@ def test_a_closed_room_returns_every_beam_and_windows_swallow_some():
     pose = place_sensors(paper, 1, 0)[0]
     directions = model.directions()
     missed = ~np.isfinite(paper.raycaster().cast(pose[:3, 3], directions).distances)
-    # From the centre of a 10 x 10 x 3 m room every lost beam crosses y = -5 or y = 5 inside the wall.
+    # From the centre of a 10 x 10 x 3 m room every lost beam crosses y = -5 or 5 inside the wall.
     way = directions[missed] * (5 / np.abs(directions[missed][:, 1:2]))
     assert 0.005 < missed.mean() < 0.10
     assert np.abs(way[:, 0]).max() < 5.0

@@ -1,8 +1,8 @@
 """Corner points and edge lines from classified feature voxels.
 
 A voxel tells its class and roughly where it is; the flat voxels around it tell exactly where their
-surfaces meet. The point nearest to all their planes is the corner, or the foot on the edge (the normal
-equations of Foerstner & Gulch's corner operator, in space).
+surfaces meet. The point nearest to all their planes is the corner, or the foot on the edge (the
+normal equations of Foerstner & Gulch's corner operator, in space).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def find_corners(
     probabilities: FloatArray,
     max_corners: int = 80,
 ) -> Corners:
-    """One corner per group of neighbouring corner voxels: the surest, moved to where its surfaces meet.
+    """One corner per group of corner voxels: the surest, moved to where its surfaces meet.
 
     Args:
         skipmap: the scan's Skip-map.
@@ -113,8 +113,8 @@ def find_lines(skipmap: SkipMap, rows: IntArray, max_lines: int = 40, min_voxels
 def _meeting_points(skipmap: SkipMap, rows: IntArray) -> FloatArray:
     """(K, 3) points nearest to the planes of the flat voxels around each row.
 
-    Directions that those planes leave open (along an edge) keep the voxel's own centroid; a point never
-    leaves its voxel's neighbourhood.
+    Directions that those planes leave open (along an edge) keep the voxel's own centroid; a point
+    never leaves its voxel's neighbourhood.
     """
     steps = np.stack(np.meshgrid(*[np.arange(-_REACH, _REACH + 1)] * 3, indexing="ij"), axis=-1)
     near = skipmap.find(skipmap.cells[rows][:, None] + steps.reshape(1, -1, 3))
@@ -157,7 +157,7 @@ def _neighbours_along(
 def _grow_line(
     points_m: FloatArray, directions: FloatArray, free: BoolArray, seed: int, voxel_size_m: float
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Fit a line to the seed's direction, then to its inliers; its middle, direction and inliers."""
+    """Fit a line to the seed's direction, then to its inliers; middle, direction and inliers."""
     middle_m, direction = points_m[seed], directions[seed]
     inlier = np.zeros(len(points_m), dtype=bool)
     for reach_voxels in (8, 16, 60):

@@ -10,8 +10,8 @@ from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 FLAT_CURVATURE = 0.02
-"""Below it a 3x3x3 neighbourhood is one plane: an edge of 90 degrees has 0.1 and more, noise of 5 % of a
-voxel 0.004."""
+"""Below it a 3x3x3 neighbourhood is one plane: an edge of 90 degrees has 0.1 and more, noise of 5 %
+of a voxel 0.004."""
 
 _DIRECTION_BINS = 12
 
@@ -49,7 +49,7 @@ def find_planes(
     max_offset_voxels: float = 1.0,
     min_voxels: int = 12,
 ) -> Planes:
-    """Planes from the flat voxels, by repeated voting on (direction, offset) and a fit to the inliers.
+    """Planes from the flat voxels, by repeated voting on (direction, offset) and a fit to inliers.
 
     Coplanar patches, such as a wall on both sides of a door, count as one plane.
 
@@ -98,7 +98,7 @@ def _grow_plane(
     tolerance_m: float,
     min_cosine: float,
 ) -> tuple[FloatArray, BoolArray]:
-    """Fit a plane to the seed, then three times to its inliers among all; the normal and the inliers."""
+    """Fit a plane to the seed, then three times to its inliers among all; normal and inliers."""
     normal = normals[seed].mean(axis=0)
     normal /= np.linalg.norm(normal)
     inlier = seed

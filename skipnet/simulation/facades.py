@@ -30,7 +30,7 @@ WALL_THICKNESS_M = 0.25
 
 @dataclass(frozen=True)
 class House:
-    """A front that faces -y, from ``left_m`` to ``right_m`` along x, at depth ``front_m`` along y."""
+    """A front that faces -y, from ``left_m`` to ``right_m`` along x, at depth ``front_m``."""
 
     left_m: float
     right_m: float

@@ -93,7 +93,7 @@ def doorway(rng: np.random.Generator) -> Draft:
     )
     width_m, door_height_m = rng.uniform(0.8, 1.1), rng.uniform(2.0, 2.2)
     door = {1: [Opening(right_a - width_m / 2, width_m, 0.0, door_height_m)]}
-    # Walls run counter-clockwise: seen from the second room, the door is measured from its left end.
+    # Walls run counter-clockwise: from the second room the door is measured from its left end.
     door_from_behind = {3: [Opening(left_b - width_m / 2, width_m, 0.0, door_height_m)]}
     windows_a = {3: openings_in_row(rng, left_a + right_a, int(rng.integers(1, 3)), WINDOW)}
     windows_b = {1: openings_in_row(rng, left_b + right_b, int(rng.integers(1, 3)), WINDOW)}

@@ -111,7 +111,7 @@ def place_sensors(scene: Scene, count: int, seed: int) -> FloatArray:
 
 
 def is_free(scene: Scene, positions_m: FloatArray) -> BoolArray:
-    """Whether sensors at (N, 3) world positions stand in free space over the floor, with clearance."""
+    """Whether sensors at (N, 3) world positions stand free over the floor, with clearance."""
     caster = scene.raycaster()
     clear = caster.distances_m(positions_m) >= SENSOR_CLEARANCE_M
     up = np.broadcast_to([0.0, 0.0, 1.0], positions_m.shape)
