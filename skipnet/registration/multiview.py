@@ -17,9 +17,10 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.pipeline import Stopwatch, clean, register_scans
+from skipnet.registration.pipeline import clean, register_scans
 from skipnet.registration.refinement import refine
 from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
+from skipnet.registration.stopwatch import Stopwatch
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray, Registration
 

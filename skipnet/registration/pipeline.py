@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +18,7 @@ from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes, from_slides
 from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
+from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import Findings, Verdict, decide, holds, is_free
 from skipnet.registration.verification import Score, distinct, judge, shortlist
 from skipnet.skipmap.resolution import choose_voxel_size
@@ -288,17 +287,3 @@ def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinemen
         (source.fine_skipmap, target.fine_skipmap),
     ]
     return refine(T_target_source[None], levels)
-
-
-class Stopwatch:
-    """Adds up wall-clock seconds per named stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Time the body of a ``with`` under the stage's name."""
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
