@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from skipnet.types import FloatArray
+
+_CHUNK = 1 << 14
+"""Points handled at a time: enough to outweigh the calls, few enough for the cache."""
 
 
 def make_transform(rotation: FloatArray, translation_m: FloatArray) -> FloatArray:
@@ -33,6 +38,66 @@ def transform_points(T_a_b: FloatArray, points_b_m: FloatArray) -> FloatArray:
     """
     rotation = T_a_b[..., :3, :3]
     return points_b_m @ np.swapaxes(rotation, -1, -2) + T_a_b[..., None, :3, 3]
+
+
+def columns(
+    points_b_m: FloatArray, T_a_b: FloatArray | None = None, chunk: int = _CHUNK
+) -> Iterator[FloatArray]:
+    """Walk through (N, 3) points, chunk after chunk, without a copy of them all.
+
+    Args:
+        points_b_m: points of any real type.
+        T_a_b: (4, 4) motion to apply on the way; None for none.
+        chunk: points at a time.
+
+    Yields:
+        (3, n) float64 coordinates, each axis contiguous: several times faster to compute with.
+    """
+    for start in range(0, len(points_b_m), chunk):
+        rows_m = points_b_m[start : start + chunk]
+        xyz_m = np.empty((3, len(rows_m)))
+        xyz_m[:] = rows_m.T
+        if T_a_b is not None:
+            xyz_m = T_a_b[:3, :3] @ xyz_m
+            xyz_m += T_a_b[:3, 3:]
+        yield xyz_m
+
+
+def bounds(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The (3,) smallest and largest coordinates of (N, 3) points, N >= 1; NaN if there is one.
+
+    >>> bounds(np.array([[1, 5, 0], [3, 2, 0]]))
+    (array([1., 2., 0.]), array([3., 5., 0.]))
+    """
+    ends = [(xyz_m.min(axis=1), xyz_m.max(axis=1)) for xyz_m in columns(points_m)]
+    return np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)
+
+
+def central_moments(points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sums over (N, 3) points, in one pass.
+
+    Returns:
+        (3,) their mean, and about it the (3, 3) sums of products of two coordinates and the
+        (3, 3, 3) sums of products of three.
+    """
+    near_m: FloatArray | float = 0.0  # sums about a place among the points keep their digits
+    first, six, third = np.zeros(3), np.zeros(6), np.zeros((3, 6))
+    i, j = np.triu_indices(3)
+    for index, xyz_m in enumerate(columns(points_m)):
+        near_m = near_m if index else xyz_m.mean(axis=1)
+        xyz_m -= np.reshape(near_m, (3, 1))
+        products = xyz_m[i]
+        products *= xyz_m[j]
+        first += xyz_m.sum(axis=1)
+        six += products.sum(axis=1)
+        third += [products @ axis_m for axis_m in xyz_m]  # BLAS is slow at one 3 x n x 6 product
+    full = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+    count, second, cubes = len(points_m), six[full], third[:, full]
+    shift_m = first / count
+    mixed = np.multiply.outer(shift_m, second)
+    cubes -= mixed + mixed.transpose(1, 0, 2) + mixed.transpose(2, 1, 0)
+    cubes += 2 * count * np.einsum("i,j,k->ijk", shift_m, shift_m, shift_m)
+    return near_m + shift_m, second - count * np.outer(shift_m, shift_m), cubes
 
 
 def invert(T_a_b: FloatArray) -> FloatArray:
@@ -70,11 +135,9 @@ def principal_frame(points_m: FloatArray) -> FloatArray:
     >>> np.allclose(principal_frame(moved)[:3, 3] - principal_frame(L)[:3, 3], [500_000, 0, 0])
     True
     """
-    centre_m = points_m.mean(axis=0, dtype=np.float64)
-    centred_m = points_m - centre_m
-    axes = np.linalg.eigh(centred_m.T @ centred_m)[1][:, ::-1]
-    along_m = centred_m @ axes
-    skewness = (along_m * along_m * along_m).sum(axis=0)  # several times faster than ** 3
+    centre_m, second, third = central_moments(points_m)
+    axes = np.linalg.eigh(second)[1][:, ::-1]
+    skewness = np.einsum("ijk,ia,ja,ka->a", third, axes, axes, axes)
     axes = axes * np.where(skewness < 0, -1.0, 1.0)
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])  # right-handed, whatever the third skewness says
     return make_transform(axes, centre_m)

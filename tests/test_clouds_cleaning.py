@@ -58,9 +58,12 @@ def test_denoise_refuses_bad_arguments(arguments):
         denoise(np.random.default_rng(0).normal(size=(9, 3)), **arguments)
 
 
-def test_validate_returns_float64_of_array_likes():
+def test_validate_returns_floats_of_array_likes_and_copies_none_that_are():
     points = validate([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "source")
     assert points.dtype == np.float64 and points.shape == (3, 3)
+    for kind in (np.float32, np.float64):
+        floats = np.random.default_rng(0).normal(size=(10, 3)).astype(kind)
+        assert validate(floats, "source") is floats
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.skipmap.cells import CELL_MAX, CELL_MIN, CellIndex, cells_of, pack, unpack
+from skipnet.skipmap.cells import (
+    CELL_MAX,
+    CELL_MIN,
+    CellIndex,
+    cells_of,
+    group_by_cell,
+    neighbour_rows,
+    pack,
+    unpack,
+)
 
 
 def random_cells(count, low=CELL_MIN, high=CELL_MAX, seed=0):
@@ -73,3 +82,32 @@ def test_points_too_far_for_a_key_are_refused_with_advice():
     points_m = np.array([[0.0, 0, 0], [0, 0.001 * (CELL_MAX + 2), 0]])
     with pytest.raises(ValueError, match=r"more than 1048576 voxels of 0\.001 m.*larger voxel"):
         cells_of(points_m, 0.001, np.zeros(3))
+
+
+# A narrow cloud goes through a table over its box, a wide one through a sort or a hash table.
+@pytest.mark.parametrize("extent_m", [3.0, 900.0])
+def test_points_are_grouped_as_numpys_unique_groups_their_cells(extent_m):
+    points_m = np.random.default_rng(6).uniform(-extent_m, extent_m, size=(4000, 3))
+    keys, row = group_by_cell(np.ascontiguousarray(points_m.T), 0.5)
+    expected = np.unique(pack(cells_of(points_m, 0.5, np.zeros(3))), return_inverse=True)
+    np.testing.assert_array_equal(keys, expected[0])
+    np.testing.assert_array_equal(row, expected[1])
+
+
+@pytest.mark.parametrize("extent", [4, 2000])
+def test_neighbours_are_those_that_a_dict_finds(extent):
+    cells = np.unique(np.random.default_rng(7).integers(-extent, extent, size=(300, 3)), axis=0)
+    cells = np.concatenate([cells, cells[:50] + [0, 0, 3 * extent]])
+    offsets = np.array([[0, 0, 0], [1, 0, 0], [0, -1, 2], [-3, 0, 0]])
+    row_of = {tuple(cell): row for row, cell in enumerate(cells)}
+    expected = [[row_of.get(tuple(cell + offset), -1) for offset in offsets] for cell in cells]
+    np.testing.assert_array_equal(neighbour_rows(pack(cells), offsets), expected)
+    assert neighbour_rows(np.zeros(0, dtype=np.int64), offsets).shape == (0, 4)
+
+
+@pytest.mark.parametrize("far_m", [1e9, -1e9, np.nan])
+def test_points_too_far_to_be_grouped_are_refused(far_m):
+    xyz_m = np.zeros((3, 10))
+    xyz_m[1, 4] = far_m
+    with pytest.raises(ValueError, match="choose a larger voxel_size_m"):
+        group_by_cell(xyz_m, 0.1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from skipnet.geometry import make_transform, random_rotation, transform_points
 from skipnet.skipmap.tree import build_tree
 
 SIZE_M = 0.4
@@ -56,6 +57,14 @@ def test_building_groups_the_points_by_cell(tree, points_m):
 def test_the_order_of_points_does_not_matter(tree, points_m):
     shuffled_m = np.random.default_rng(1).permutation(points_m)
     assert_same_trees(build_tree(shuffled_m, SIZE_M, ORIGIN_M), tree)
+
+
+def test_points_are_moved_on_the_way_and_large_scans_taken_in_chunks(points_m, monkeypatch):
+    T = make_transform(random_rotation(np.random.default_rng(5)), np.array([3.0, -1.0, 0.5]))
+    moved = build_tree(transform_points(T, points_m), SIZE_M, ORIGIN_M)
+    assert_same_trees(build_tree(points_m, SIZE_M, ORIGIN_M, T), moved)
+    monkeypatch.setattr("skipnet.skipmap.tree.POINTS_AT_ONCE", 700)
+    assert_same_trees(build_tree(points_m, SIZE_M, ORIGIN_M, T), moved)
 
 
 def test_integrating_and_adding_scans_equals_building_from_all_points(tree, points_m):

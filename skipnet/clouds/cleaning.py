@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from skipnet.geometry import central_moments
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 # Points on a line leave the rotation about it free; their spread across it is rounding alone.
@@ -20,7 +21,7 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         name: what to call it in the errors, such as "source".
 
     Returns:
-        (N, 3) float64 points.
+        (N, 3) points, float32 if they came so, else float64; no copy of what is a float array.
 
     Raises:
         ValueError: wrong shape or kind, NaN or infinity, fewer points than a plane needs,
@@ -31,17 +32,18 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         raise ValueError(
             f"{name}: got {array.dtype} of shape {array.shape}: expected numbers of shape (N, 3)"
         )
-    array = array.astype(np.float64, copy=False)
-    finite = np.isfinite(array).all(axis=1)
-    if not finite.all():
+    if array.dtype not in (np.float32, np.float64):
+        array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        finite = np.isfinite(array).all(axis=1)
         raise ValueError(
             f"{name}: {np.count_nonzero(~finite)} of {len(array)} points hold NaN or infinity: "
             f"drop them, for example by points[np.isfinite(points).all(axis=1)]"
         )
     if len(array) < 3:
         raise ValueError(f"{name}: got {len(array)} points: a plane needs 3, a scan has thousands")
-    spread_m = np.linalg.svd(np.cov((array - array.mean(axis=0)).T), compute_uv=False) ** 0.5
-    if spread_m[1] <= _RELATIVE_SPREAD_OF_A_LINE * spread_m[0]:
+    spread_m = np.sqrt(np.clip(np.linalg.eigvalsh(central_moments(array)[1]), 0, None))
+    if spread_m[1] <= _RELATIVE_SPREAD_OF_A_LINE * spread_m[2]:
         raise ValueError(
             f"{name}: all {len(array)} points lie on one line or in one place: expected a surface"
         )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 from skipnet.types import FloatArray, IntArray
@@ -11,23 +14,36 @@ _OFFSET = 1 << (_BITS - 1)
 _MASK = (1 << _BITS) - 1
 CELL_MIN, CELL_MAX = -_OFFSET, _OFFSET - 1
 """The smallest and the largest index that a packed cell can hold."""
+POINTS_AT_ONCE = 1 << 18
+"""Points to group by cell in one go: far more than there are cells, and some 20 MB on the way."""
+_LARGEST_TABLE = 1 << 24
+"""Entries that a table over a box of cells may have where the other way is to sort the points."""
+_LARGEST_SMALL_TABLE = 1 << 22
+"""Likewise, where the other way is a hash table over the voxels."""
 _EMPTY = np.int64(-1)
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
 def cells_of(points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray) -> IntArray:
-    """The (..., 3) int64 cell that holds each point: floor((p - origin) / voxel size).
+    """The (..., 3) int32 cell that holds each point: floor((p - origin) / voxel size).
 
     Raises:
         ValueError: a point lies more than 2^20 voxels from the origin.
     """
-    cells = np.floor((points_m - origin_m) * (1.0 / voxel_size_m)).astype(np.int64)
-    if cells.size and (cells.min() < -_OFFSET or cells.max() >= _OFFSET):
+    scaled = points_m - origin_m
+    scaled *= 1.0 / voxel_size_m
+    return _to_cells(scaled, voxel_size_m)
+
+
+def _to_cells(scaled: FloatArray, voxel_size_m: float) -> IntArray:
+    """Floor of coordinates in voxels, in int32; ``scaled`` is used up."""
+    np.floor(scaled, out=scaled)
+    if scaled.size and not (scaled.min() >= CELL_MIN and scaled.max() <= CELL_MAX):
         raise ValueError(
             f"points reach more than {_OFFSET} voxels of {voxel_size_m:g} m from the origin; "
             "remove far outliers or choose a larger voxel_size_m"
         )
-    return cells
+    return scaled.astype(np.int32)
 
 
 def pack(cells: IntArray) -> IntArray:
@@ -44,6 +60,97 @@ def unpack(keys: IntArray) -> IntArray:
     """
     axes = (keys >> (2 * _BITS), (keys >> _BITS) & _MASK, keys & _MASK)
     return np.stack(axes, axis=-1) - _OFFSET
+
+
+@dataclass(frozen=True)
+class _Box:
+    """A block of cells, numbered by x, then y, then z: numbers sort as packed keys do."""
+
+    low: IntArray
+    """(3,) smallest cell."""
+    shape: IntArray
+    """(3,) cells along each axis."""
+
+    @staticmethod
+    def around(cells: IntArray, margin: IntArray | int = 0) -> _Box:
+        """The smallest box with (3, N) cells and ``margin`` more on every side."""
+        low = cells.min(axis=1).astype(np.int64) - margin
+        return _Box(low, cells.max(axis=1) + margin - low + 1)
+
+    @property
+    def size(self) -> int:
+        return math.prod(int(length) for length in self.shape)
+
+    @property
+    def strides(self) -> IntArray:
+        """(3,) by how much a step along each axis changes a cell's number."""
+        return np.array([self.shape[1] * self.shape[2], self.shape[2], 1])
+
+    def number(self, cells: IntArray) -> IntArray:
+        """(N,) int32 numbers of (3, N) cells in a box of less than 2^31."""
+        x, y, z = (cells[axis] - np.int32(self.low[axis]) for axis in range(3))
+        x *= np.int32(self.shape[1])
+        x += y
+        x *= np.int32(self.shape[2])
+        x += z
+        return x
+
+    def cells(self, numbers: IntArray) -> IntArray:
+        """(N, 3) int64 cells of numbers; the inverse of ``number``."""
+        columns, z = np.divmod(numbers, self.shape[2])
+        x, y = np.divmod(columns, self.shape[1])
+        return np.stack([x, y, z], axis=-1) + self.low
+
+
+def group_by_cell(xyz_m: FloatArray, voxel_size_m: float) -> tuple[IntArray, IntArray]:
+    """Which points share a cell of a grid with a corner at the origin.
+
+    A table over the points' bounding box takes the place of a sort, where it is not too large.
+
+    Args:
+        xyz_m: (3, N) coordinates.
+        voxel_size_m: edge of a cell.
+
+    Returns:
+        (G,) packed keys of the occupied cells, ascending, and the (N,) row among them that holds
+        each point.
+
+    Raises:
+        ValueError: as ``cells_of``.
+    """
+    cells = _to_cells(xyz_m * (1.0 / voxel_size_m), voxel_size_m)
+    box = _Box.around(cells)
+    if box.size > _LARGEST_TABLE:
+        return np.unique(pack(cells.T), return_inverse=True)
+    number = box.number(cells)
+    occupied = np.zeros(box.size, dtype=bool)
+    occupied[number] = True
+    numbers = np.flatnonzero(occupied)
+    row_of = np.empty(box.size, dtype=np.int32)
+    row_of[numbers] = np.arange(len(numbers), dtype=np.int32)
+    return pack(box.cells(numbers)), row_of[number]
+
+
+def neighbour_rows(keys: IntArray, offsets: IntArray) -> IntArray:
+    """The neighbours of every cell among the same cells.
+
+    Args:
+        keys: (V,) distinct packed cells.
+        offsets: (K, 3) steps from a cell to its neighbours.
+
+    Returns:
+        (V, K) int32 rows of ``keys``, -1 where there is no such cell.
+    """
+    if len(keys) == 0:
+        return np.zeros((0, len(offsets)), dtype=np.int32)
+    cells = unpack(keys).T.astype(np.int32)
+    box = _Box.around(cells, np.abs(offsets).max(axis=0))
+    if box.size > _LARGEST_SMALL_TABLE:
+        return CellIndex(keys).find(keys[:, None] + (pack(offsets) - pack(np.zeros(3, np.int64))))
+    number = box.number(cells)
+    row_of = np.full(box.size, -1, dtype=np.int32)
+    row_of[number] = np.arange(len(keys), dtype=np.int32)
+    return row_of.take(number[:, None] + (offsets @ box.strides).astype(np.int32))
 
 
 class CellIndex:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.skipmap.eigen import symmetric_eigh
 from skipnet.types import BoolArray, FloatArray, IntArray
 
-_ROW = np.array([0, 0, 0, 1, 1, 2])
-_COLUMN = np.array([0, 1, 2, 1, 2, 2])
+_ROW = (0, 0, 0, 1, 1, 2)
+_COLUMN = (0, 1, 2, 1, 2, 2)
 _FULL = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
@@ -22,28 +23,39 @@ _FULL = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 class Moments:
     """Sums over the points of V voxels, all about one common origin."""
 
-    count: FloatArray
-    """(V,) number of points."""
-    first: FloatArray
-    """(V, 3) sum of p, metres."""
-    second: FloatArray
-    """(V, 6) sum of p p^T as xx, xy, xz, yy, yz, zz, square metres."""
+    sums: FloatArray
+    """(10, V) number of points; sums of x, y, z in metres; sums of xx, xy, xz, yy, yz, zz in square
+    metres. One row per figure: whatever is done to all voxels runs through memory in order."""
 
     def __len__(self) -> int:
-        return len(self.count)
+        return self.sums.shape[1]
 
     def __add__(self, other: Moments) -> Moments:
-        return Moments(
-            self.count + other.count, self.first + other.first, self.second + other.second
-        )
+        return Moments(self.sums + other.sums)
 
     def __sub__(self, other: Moments) -> Moments:
-        return Moments(
-            self.count - other.count, self.first - other.first, self.second - other.second
-        )
+        return Moments(self.sums - other.sums)
 
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> Moments:
-        return Moments(self.count[rows], self.first[rows], self.second[rows])
+        if isinstance(rows, slice):
+            return Moments(self.sums[:, rows])
+        rows = np.flatnonzero(rows) if rows.dtype == bool else rows
+        return Moments(self.sums.take(rows, axis=1))
+
+    @property
+    def count(self) -> FloatArray:
+        """(V,) number of points."""
+        return self.sums[0]
+
+    @property
+    def first(self) -> FloatArray:
+        """(V, 3) sum of p, metres."""
+        return self.sums[1:4].T
+
+    @property
+    def second(self) -> FloatArray:
+        """(V, 6) sum of p p^T as xx, xy, xz, yy, yz, zz, square metres."""
+        return self.sums[4:].T
 
     @property
     def mean(self) -> FloatArray:
@@ -53,24 +65,45 @@ class Moments:
     @property
     def covariance(self) -> FloatArray:
         """(V, 3, 3) covariances (divided by the count), square metres."""
-        mean = self.mean
-        compact = self.second / self.count[:, None] - mean[:, _ROW] * mean[:, _COLUMN]
-        return compact[:, _FULL]
+        return self._six_covariances().T[:, _FULL]
+
+    def _six_covariances(self) -> FloatArray:
+        """(6, V) as xx, xy, xz, yy, yz, zz."""
+        means = self.sums[1:] / self.sums[0]
+        for k, (i, j) in enumerate(zip(_ROW, _COLUMN, strict=True)):
+            means[3 + k] -= means[i] * means[j]
+        return means[3:]
 
 
 def moments_of_points(points_m: FloatArray) -> Moments:
-    """Moments of N single points, one row each, about the points' own origin."""
+    """Moments of N single points, one column each, about the points' own origin."""
     points = np.asarray(points_m, dtype=np.float64)
-    return Moments(np.ones(len(points)), points, points[:, _ROW] * points[:, _COLUMN])
+    return sum_groups(np.ascontiguousarray(points.T), np.arange(len(points)), len(points))
+
+
+def sum_groups(xyz_m: FloatArray, group: IntArray, groups: int) -> Moments:
+    """Moments of G groups of points: one pass over the points for each of the ten figures.
+
+    Args:
+        xyz_m: (3, N) float64 coordinates, metres.
+        group: (N,) number of the group that each point belongs to, below ``groups``.
+        groups: G.
+    """
+    group = group.astype(np.intp, copy=False)
+    sums = np.empty((10, groups))
+    sums[0] = np.bincount(group, minlength=groups)
+    for axis in range(3):
+        sums[1 + axis] = np.bincount(group, xyz_m[axis], groups)
+    product = np.empty(xyz_m.shape[1])
+    for k, (i, j) in enumerate(zip(_ROW, _COLUMN, strict=True)):
+        np.multiply(xyz_m[i], xyz_m[j], out=product)
+        sums[4 + k] = np.bincount(group, product, groups)
+    return Moments(sums)
 
 
 def sum_segments(moments: Moments, starts: IntArray) -> Moments:
-    """Add up consecutive rows; segment i runs from ``starts[i]`` to ``starts[i + 1]``."""
-    return Moments(
-        np.add.reduceat(moments.count, starts),
-        np.add.reduceat(moments.first, starts, axis=0),
-        np.add.reduceat(moments.second, starts, axis=0),
-    )
+    """Add up consecutive voxels; segment i runs from ``starts[i]`` to ``starts[i + 1]``."""
+    return Moments(np.add.reduceat(moments.sums, starts, axis=1))
 
 
 def principal_axes(moments: Moments) -> tuple[FloatArray, FloatArray]:
@@ -81,7 +114,7 @@ def principal_axes(moments: Moments) -> tuple[FloatArray, FloatArray]:
         whose column k is the unit eigenvector of l_k; column 0 is the surface normal up to its
         sign.
     """
-    values, vectors = np.linalg.eigh(moments.covariance)
+    values, vectors = symmetric_eigh(moments._six_covariances())
     return np.clip(values, 0.0, None), vectors
 
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
-from skipnet.geometry import invert, principal_frame, transform_points
-from skipnet.skipmap.cells import CELL_MAX, cells_of, pack, unpack
-from skipnet.types import FloatArray
+from skipnet.geometry import columns, invert, make_transform, principal_frame, transform_points
+from skipnet.skipmap.cells import CELL_MAX, POINTS_AT_ONCE, group_by_cell, pack, unpack
+from skipnet.types import FloatArray, IntArray
 
 TARGET_VOXELS = 10_000
 """Occupied voxels that describe one scan well: 0.15 m voxels in a furnished 10 m room."""
 MIN_POINTS_PER_VOXEL = 5
 """Mean points per voxel below which curvature and normals are guesses."""
+
+_SAMPLE = 1 << 15
+"""Points that tell how far a larger scan spreads."""
 
 
 def choose_voxel_size(*clouds_m: FloatArray) -> float:
@@ -34,12 +39,11 @@ def choose_voxel_size(*clouds_m: FloatArray) -> float:
 def _size_for_one(points_m: FloatArray) -> float:
     """Count occupied voxels over doubling sizes and interpolate to the goal, both logarithmic."""
     goal = min(TARGET_VOXELS, len(points_m) / MIN_POINTS_PER_VOXEL)
-    points_m = transform_points(invert(principal_frame(points_m)), points_m)
-    centre_m = np.median(points_m, axis=0)
-    distance_m = np.linalg.norm(points_m - centre_m, axis=1)
-    spread_m = float(np.quantile(distance_m, 0.75)) or float(distance_m.max())
-    finest_m = max(spread_m / 64, float(distance_m.max()) / CELL_MAX)
-    cells = unpack(np.unique(pack(cells_of(points_m, finest_m, centre_m))))
+    T_middle_points, spread_m = _middle_and_spread(points_m)
+    reach_m = _reach_m(points_m, T_middle_points)
+    spread_m = spread_m or reach_m
+    finest_m = max(spread_m / 64, reach_m / CELL_MAX)
+    cells = unpack(_occupied_keys(points_m, T_middle_points, finest_m))
     cells -= cells.min(axis=0)  # halved often enough, they all meet in cell 0
     counts = [len(cells)]
     while counts[-1] > max(goal, 1):
@@ -50,3 +54,39 @@ def _size_for_one(points_m: FloatArray) -> float:
         return finest_m * float(np.sqrt(counts[0] / goal))
     doublings = np.interp(-np.log(goal), -np.log(counts), np.arange(len(counts)))
     return finest_m * float(2**doublings)
+
+
+def _middle_and_spread(points_m: FloatArray) -> tuple[FloatArray, float]:
+    """Robust middle of a scan and how far the scan spreads about it, from a sample of its points.
+
+    Returns:
+        (4, 4) motion from the points' frame to one with the principal axes and the median as its
+        origin, and the distance within which three quarters of the points lie from there.
+    """
+    T_own_points = invert(principal_frame(points_m))
+    if len(points_m) > _SAMPLE:
+        chosen = np.random.default_rng(0).integers(len(points_m), size=_SAMPLE)
+        points_m = points_m[np.sort(chosen)]
+    own_m = transform_points(T_own_points, points_m)
+    middle_m = np.median(own_m, axis=0)
+    spread_m = float(np.quantile(np.linalg.norm(own_m - middle_m, axis=1), 0.75))
+    return make_transform(np.eye(3), -middle_m) @ T_own_points, spread_m
+
+
+def _reach_m(points_m: FloatArray, T_middle_points: FloatArray) -> float:
+    """How far the farthest point lies from the middle."""
+    return max(
+        float(np.sqrt(np.einsum("ij,ij->j", xyz_m, xyz_m).max()))
+        for xyz_m in columns(points_m, T_middle_points)
+    )
+
+
+def _occupied_keys(
+    points_m: FloatArray, T_middle_points: FloatArray, voxel_size_m: float
+) -> IntArray:
+    """Packed cells that hold points, ascending."""
+    chunks = (
+        group_by_cell(xyz_m, voxel_size_m)[0]
+        for xyz_m in columns(points_m, T_middle_points, POINTS_AT_ONCE)
+    )
+    return reduce(np.union1d, chunks)

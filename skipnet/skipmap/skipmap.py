@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from skipnet.skipmap.cells import CellIndex, pack, unpack
+from skipnet.skipmap.cells import CellIndex, neighbour_rows, pack, unpack
 from skipnet.skipmap.moments import Moments, curvature, principal_axes
 from skipnet.skipmap.tree import SkipTree, build_tree
 from skipnet.types import FloatArray, IntArray
@@ -23,10 +23,7 @@ MIN_NEIGHBOURHOOD_POINTS = 6
 MIN_WIDTH = 0.15
 """Least width of a neighbourhood, as a share of its length: one scan line alone has no normal."""
 
-# One of each pair of opposite directions: the other half follows by symmetry.
-_HALF_NEIGHBOURHOOD = np.array(
-    [(x, y, z) for x in (0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)]
-)
+_NEIGHBOURHOOD = np.array(list(np.ndindex(3, 3, 3))) - 1
 
 
 @dataclass(frozen=True)
@@ -59,10 +56,10 @@ class SkipMap:
         """(V, 3) int64 cells."""
         return unpack(self.keys)
 
-    @property
+    @cached_property
     def normals(self) -> FloatArray:
         """(V, 3) unit normals, towards the sensor; of either sign if the viewpoint is unknown."""
-        return self.axes[:, :, 0]
+        return np.ascontiguousarray(self.axes[:, :, 0])
 
     @cached_property
     def _index(self) -> CellIndex:
@@ -133,14 +130,11 @@ def skipmap_of_tree(
 
 
 def _sum_neighbourhoods(tree: SkipTree) -> Moments:
-    """Moments of every voxel's 3x3x3 neighbourhood by addition; 13 lookups serve 26 neighbours."""
-    stacked = np.column_stack([tree.moments.count, tree.moments.first, tree.moments.second])
-    total = stacked.copy()
-    for offset in pack(_HALF_NEIGHBOURHOOD) - pack(np.zeros(3, dtype=np.int64)):
-        neighbour = tree.find_keys(tree.keys + offset)
-        here = np.flatnonzero(neighbour >= 0)
-        there = neighbour[here]
-        # No row occurs twice on either side: a shift by an offset is a bijection.
-        total[here] += stacked[there]
-        total[there] += stacked[here]
-    return Moments(total[:, 0], total[:, 1:4], total[:, 4:])
+    """Moments of every voxel's 3x3x3 neighbourhood, by addition."""
+    from scipy.sparse import csr_array
+
+    near = neighbour_rows(tree.keys, _NEIGHBOURHOOD)
+    there = near >= 0
+    ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+    adjacent = csr_array((np.ones(ends[-1]), near[there], ends), shape=(len(tree), len(tree)))
+    return Moments((adjacent @ np.ascontiguousarray(tree.moments.sums.T)).T)

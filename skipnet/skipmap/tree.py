@@ -10,12 +10,22 @@ are values: every operation returns a new one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
-from skipnet.skipmap.cells import CELL_MAX, CELL_MIN, CellIndex, cells_of, pack, unpack
-from skipnet.skipmap.moments import Moments, moments_of_points, sum_segments
+from skipnet.geometry import bounds, columns, transform_points
+from skipnet.skipmap.cells import (
+    CELL_MAX,
+    CELL_MIN,
+    POINTS_AT_ONCE,
+    CellIndex,
+    cells_of,
+    group_by_cell,
+    pack,
+    unpack,
+)
+from skipnet.skipmap.moments import Moments, sum_groups, sum_segments
 from skipnet.types import FloatArray, IntArray
 
 
@@ -67,14 +77,9 @@ class SkipTree:
             ValueError: the trees differ in voxel size or origin.
         """
         _check_same_grid(self, other)
-        joined = Moments(
-            np.concatenate([self.moments.count, other.moments.count]),
-            np.concatenate([self.moments.first, other.moments.first]),
-            np.concatenate([self.moments.second, other.moments.second]),
-        )
-        return _gather(
-            self.voxel_size_m, self.origin_m, np.concatenate([self.keys, other.keys]), joined
-        )
+        keys = np.concatenate([self.keys, other.keys])
+        joined = Moments(np.concatenate([self.moments.sums, other.moments.sums], axis=1))
+        return _gather(self.voxel_size_m, self.origin_m, keys, joined)
 
     def remove(self, other: SkipTree) -> SkipTree:
         """Take a scan that was added out again; voxels left without a point disappear.
@@ -86,19 +91,10 @@ class SkipTree:
         rows = self.find_keys(other.keys)
         if (rows < 0).any() or (self.moments.count[rows] < other.moments.count).any():
             raise ValueError("the scan to remove has points that this tree never integrated")
-        count, first, second = (
-            array.copy() for array in (self.moments.count, self.moments.first, self.moments.second)
-        )
-        count[rows] -= other.moments.count
-        first[rows] -= other.moments.first
-        second[rows] -= other.moments.second
-        left = count > 0
-        return SkipTree(
-            self.voxel_size_m,
-            self.origin_m,
-            self.keys[left],
-            Moments(count[left], first[left], second[left]),
-        )
+        sums = self.moments.sums.copy()
+        sums[:, rows] -= other.moments.sums
+        left = Moments(sums)[sums[0] > 0]
+        return SkipTree(self.voxel_size_m, self.origin_m, self.keys[sums[0] > 0], left)
 
     def coarser(self, levels: int = 1) -> SkipTree:
         """The tree of voxels 2**levels times as wide, from the moments alone."""
@@ -157,9 +153,12 @@ class SkipTree:
 
 
 def build_tree(
-    points_m: FloatArray, voxel_size_m: float, origin_m: FloatArray | None = None
+    points_m: FloatArray,
+    voxel_size_m: float,
+    origin_m: FloatArray | None = None,
+    T_tree_points: FloatArray | None = None,
 ) -> SkipTree:
-    """Divide (N, 3) points into voxels of ``voxel_size_m``: one sort, one segmented sum.
+    """Divide (N, 3) points into voxels of ``voxel_size_m``, chunk by chunk.
 
     Args:
         points_m: (N, 3) points, at least one.
@@ -167,6 +166,7 @@ def build_tree(
         origin_m: (3,) corner of cell (0, 0, 0). Trees that are to be added need the same one.
             Default: the whole metre nearest to the points' centre, which keeps float64 sums exact
             enough anywhere.
+        T_tree_points: (4, 4) motion of the points before they are divided; None for none.
 
     Raises:
         ValueError: no points, a voxel size that is not positive, or points too far from the origin.
@@ -176,10 +176,26 @@ def build_tree(
     if not voxel_size_m > 0:
         raise ValueError(f"voxel_size_m is {voxel_size_m}, expected a positive length in metres")
     if origin_m is None:
-        origin_m = np.round(0.5 * (points_m.min(axis=0) + points_m.max(axis=0)).astype(np.float64))
-    local_m = points_m - origin_m
-    keys = pack(cells_of(local_m, voxel_size_m, np.zeros(3)))
-    return _gather(voxel_size_m, origin_m, keys, moments_of_points(local_m))
+        origin_m = _default_origin_m(points_m, T_tree_points)
+    chunks = (
+        _tree_of_chunk(xyz_m, voxel_size_m, origin_m)
+        for xyz_m in columns(points_m, T_tree_points, POINTS_AT_ONCE)
+    )
+    return reduce(SkipTree.add, chunks)
+
+
+def _default_origin_m(points_m: FloatArray, T_tree_points: FloatArray | None) -> FloatArray:
+    low_m, high_m = bounds(points_m)
+    middle_m = 0.5 * (low_m + high_m)
+    if T_tree_points is not None:
+        middle_m = transform_points(T_tree_points, middle_m[None])[0]
+    return np.round(middle_m)
+
+
+def _tree_of_chunk(xyz_m: FloatArray, voxel_size_m: float, origin_m: FloatArray) -> SkipTree:
+    xyz_m -= origin_m[:, None]
+    keys, row = group_by_cell(xyz_m, voxel_size_m)
+    return SkipTree(voxel_size_m, origin_m, keys, sum_groups(xyz_m, row, len(keys)))
 
 
 def _gather(
