@@ -60,6 +60,11 @@ class Pair:
     """... and below this translation error."""
     overlap: float | None = None
     """Share of the source that lies near the target under the truth, if known."""
+    information: FloatArray | None = None
+    """(6, 6) of a gt.info: with e = (translation, vector part of the unit quaternion) of
+    inv(truth) @ estimate, e^T information e / information[0, 0] is the pair's squared RMSE."""
+    consecutive: bool = False
+    """The scans follow each other in a sequence; some protocols leave such pairs out."""
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skipnet.benchmark.datasets import PairSet, folder_pairs, simulated_pairs
+from skipnet.benchmark.datasets.disturbed import disturb, disturbed_pairs
+from skipnet.benchmark.metrics import measured_overlap
 from skipnet.clouds.formats import write_ply
+from skipnet.config import DisturbanceConfig
 from skipnet.geometry import invert, make_transform, rotation_angle_rad, transform_points
+from skipnet.types import Pair
 
 
 @pytest.fixture
@@ -83,7 +87,7 @@ def test_missing_folder_says_which_option_names_it(tmp_path):
 
 
 def test_unknown_set_lists_the_known_ones(folder):
-    with pytest.raises(ValueError, match="attic.*hall"):
+    with pytest.raises(ValueError, match="sets=cellar: .*expected one of hall, attic"):
         folder_pairs(folder, sets=["cellar"])
 
 
@@ -111,3 +115,58 @@ def test_unknown_choices_are_refused_before_any_pair_is_made(options):
     (name,) = options
     with pytest.raises(ValueError, match=f"{name}=.*expected one of"):
         simulated_pairs(**{"family": "doorway", "count": 1, **options})
+
+
+def test_all_families_come_one_after_the_other():
+    pairs = simulated_pairs("all", 1, points=500)
+    assert {"paper_room_0000", "doorway_0000"} <= set(pairs.names)
+    assert pairs.load(1).set_name == pairs.names[1].removesuffix("_0000")
+
+
+# --- disturbances ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def square(truth):
+    """Two scans of the same flat square, 4 m wide."""
+    target_m = np.random.default_rng(0).uniform([-2, -2, 0], [2, 2, 0.01], (20_000, 3))
+    return Pair(
+        "square", "toy", transform_points(invert(truth), target_m), target_m, truth, overlap=1.0
+    )
+
+
+def test_noise_shakes_every_coordinate_by_what_was_asked(square):
+    shaken = disturb(square, noise_m=0.05)
+    for before_m, after_m in (
+        (square.source_m, shaken.source_m),
+        (square.target_m, shaken.target_m),
+    ):
+        assert (after_m - before_m).std(axis=0) == pytest.approx([0.05] * 3, rel=0.05)
+    assert shaken.overlap == 1.0
+
+
+def test_thinning_keeps_a_share_of_the_points_where_they_are(square):
+    thinned = disturb(square, keep=0.25)
+    assert len(thinned.source_m) == pytest.approx(5000, rel=0.1)
+    assert set(map(tuple, thinned.source_m)) <= set(map(tuple, square.source_m))
+
+
+def test_cropping_cuts_both_scans_from_opposite_sides(square):
+    """Each loses 30 %, so 40 % of the square is in both: 4 / 7 of what is left of the source."""
+    cropped = disturb(square, crop=0.3)
+    assert len(cropped.source_m) == len(cropped.target_m) == 14_000
+    assert cropped.overlap is None
+    assert measured_overlap(cropped, 0.1) == pytest.approx(4 / 7, abs=0.04)
+    assert measured_overlap(square, 0.1) == 1.0
+
+
+def test_every_pair_meets_every_condition_and_the_same_draws_each_time(folder):
+    conditions = [DisturbanceConfig(), DisturbanceConfig("noisy", noise_m=0.1)]
+    pairs = disturbed_pairs(folder_pairs(folder), conditions)
+    assert pairs.names[0] == "hall/source-to-target, as scanned"
+    assert [pair.set_name for pair in pairs] == [
+        "hall, as scanned", "attic, as scanned", "hall, noisy", "attic, noisy"
+    ]  # fmt: skip
+    np.testing.assert_array_equal(pairs.load(2).source_m, pairs.load(2).source_m)
+    assert (pairs.load(2).source_m != pairs.load(0).source_m).any()
+    assert disturbed_pairs(pairs, []) is pairs

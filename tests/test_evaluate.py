@@ -3,8 +3,10 @@
 import csv
 import json
 import re
+import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +17,14 @@ from omegaconf import OmegaConf
 
 import evaluate
 from skipnet import command
+from skipnet.benchmark.factories import make_contestants, make_pair_set
 from skipnet.benchmark.methods import Task, make_method
-from skipnet.benchmark.runner import make_contestants, make_pair_set
-from skipnet.config import EvaluateConfig, VariantConfig
-from skipnet.geometry import make_transform, pose_error, rotation_from_vector
+from skipnet.benchmark.methods.matching import most_consistent_pose
+from skipnet.benchmark.metrics import inlier_ratio
+from skipnet.benchmark.predictions import read_predictions
+from skipnet.benchmark.runner import predict
+from skipnet.config import EvaluateConfig, ProtocolKind, VariantConfig
+from skipnet.geometry import make_transform, pose_error, rotation_from_vector, transform_points
 from skipnet.simulation.pairs import simulate_pair
 
 ROOT = Path(__file__).parent.parent
@@ -122,26 +128,33 @@ def test_the_paper_stands_under_the_rows_it_has():
 def test_every_benchmark_config_composes_and_its_methods_can_be_built(benchmark, tmp_path):
     ConfigStore.instance().store(name="evaluate_schema", node=EvaluateConfig)
     overrides = [f"benchmark={benchmark}", f"output_dir={tmp_path}"]
-    if benchmark == "folder":
-        overrides.append(f"data={tmp_path}")
     with initialize_config_dir(str(ROOT / "configs"), version_base="1.3"):
         config = OmegaConf.to_object(compose("evaluate", overrides))
     assert config.benchmark == benchmark
     assert [c.name for c in make_contestants(config)] == config.methods
-    if benchmark != "folder":
-        assert len(make_pair_set(config)) == config.pairs
+    if config.dataset.name == "simulated":
+        conditions, families = max(len(config.disturbances), 1), 6 if config.family == "all" else 1
+        assert len(make_pair_set(config)) == config.pairs * conditions * families
+    else:
+        with pytest.raises(FileNotFoundError, match="data=FOLDER"):
+            make_pair_set(config)
 
 
 @pytest.mark.parametrize(
     ("adapter", "options"),
     [
         ("icp", {"max_distance_m": 0.5}),
+        ("icp", {"max_distance_m": 0.5, "to_planes": True}),
         ("small_gicp", {}),
         ("open3d", {"max_iterations": 5000}),
+        ("open3d", {"search": "fgr"}),
+        ("matching", {}),
+        ("matching", {"descriptor": "learned"}),
         ("kiss_matcher", {}),
+        ("kiss_matcher", {"fine": False}),
     ],
 )
-def test_a_method_stays_at_the_truth_when_it_starts_there(adapter, options):
+def test_a_method_answers_and_a_local_one_stays_at_the_truth(adapter, options):
     pair = simulate_pair("paper_room", 1, points=20_000).pair
     estimate = make_method(adapter, options)(
         Task(pair.source_m, pair.target_m, T_target_source_start=pair.T_target_source)
@@ -181,6 +194,116 @@ def test_icp_brings_back_a_small_motion_exactly():
     assert pose_error(estimate.T_target_source, T_true) == pytest.approx((0, 0), abs=1e-6)
 
 
+def test_icp_to_planes_brings_back_a_small_motion():
+    rng = np.random.default_rng(0)
+    walls_m = [np.insert(rng.uniform(-1, 1, (2000, 2)), axis, 1.0, axis=1) for axis in range(3)]
+    points_m = np.concatenate(walls_m)
+    T_true = make_transform(
+        rotation_from_vector(np.array([0.01, 0.0, 0.02])), np.array([0.01, 0, 0])
+    )
+    source_m = (points_m - T_true[:3, 3]) @ T_true[:3, :3]
+    estimate = make_method("icp", {"to_planes": True, "max_distance_m": 0.2})(
+        Task(source_m, points_m)
+    )
+    assert pose_error(estimate.T_target_source, T_true) == pytest.approx((0, 0), abs=1e-3)
+
+
+def test_most_consistent_pose_survives_wrong_correspondences():
+    rng = np.random.default_rng(0)
+    T_true = make_transform(rotation_from_vector(np.array([0.5, 1.0, -0.7])), np.array([1.0, 2, 3]))
+    source_m = rng.uniform(-3, 3, (60, 3))
+    target_m = transform_points(T_true, source_m)
+    target_m[20:] = rng.uniform(-3, 3, (40, 3))  # two of three are wrong
+    pose, inliers = most_consistent_pose(source_m, target_m, 0.05)
+    assert pose_error(pose, T_true) == pytest.approx((0, 0), abs=1e-6)
+    assert inliers >= 20
+    with pytest.raises(ValueError, match="no three of 2"):
+        most_consistent_pose(source_m[:2], target_m[:2], 0.05)
+
+
+@pytest.mark.parametrize("descriptor", ["fpfh", "learned"])
+def test_matching_hands_out_its_correspondences(descriptor):
+    pair = simulate_pair("paper_room", 1, points=20_000).pair
+    viewpoints_m = pair.source_viewpoint_m, pair.target_viewpoint_m
+    estimate = make_method("matching", {"descriptor": descriptor})(
+        Task(pair.source_m, pair.target_m, *viewpoints_m)
+    )
+    source_m, target_m = estimate.correspondences
+    assert source_m.shape == target_m.shape == (len(source_m), 3)
+    low_m, high_m = pair.target_m.min(axis=0), pair.target_m.max(axis=0)
+    assert ((target_m >= low_m) & (target_m <= high_m)).all()
+    # By chance, one in thousands would lie within 0.3 m of its partner.
+    assert inlier_ratio(source_m, target_m, pair.T_target_source, 0.3) > 0.02
+
+
+def test_the_same_run_twice_gives_the_same_answers(tmp_path):
+    """RANSAC too, which draws at random, and whose threads would race."""
+    methods = ["skipnet", "fpfh_ransac", "fgr", "kiss_matcher"]
+    config = EvaluateConfig(pairs=1, points=3000, methods=methods)
+    answers = []
+    for name in ("first.jsonl", "second.jsonl"):
+        predict(make_pair_set(config), make_contestants(config), tmp_path / name)
+        answers.append([p.T_target_source for p in read_predictions(tmp_path / name)])
+    assert len(answers[0]) == len(methods) and None not in answers[0]
+    assert answers[0] == answers[1]
+
+
+def test_answers_are_judged_anew_by_another_protocol(run_folder, tmp_path):
+    folder, before = run_folder
+    copied = tmp_path / "run"
+    shutil.copytree(folder, copied)
+    answered = (copied / "predictions.jsonl").read_bytes()
+    after = evaluate.main(
+        EvaluateConfig(
+            pairs=2,
+            points=3000,
+            methods=["small_gicp", "kiss_matcher"],
+            protocol=ProtocolKind.deg5_2m,
+            output_dir=str(copied),
+        )
+    )
+    assert (copied / "predictions.jsonl").read_bytes() == answered
+    assert "5°, 2 m" in after["about"]["protocol"]
+    successes = [[entry["successes"] for entry in one["rows"]] for one in (before, after)]
+    assert all(loose >= strict for strict, loose in zip(*successes, strict=True))
+
+
+def test_a_killed_run_goes_on_and_keeps_what_it_had(tmp_path):
+    """A real SIGKILL, in the middle of the pairs."""
+    folder = tmp_path / "run"
+    command = [sys.executable, "evaluate.py", "benchmark=simulated", "methods=[small_gicp]"]
+    command += ["pairs=12", "points=2000", "worst=0", f"output_dir={folder}"]
+    predictions = folder / "predictions.jsonl"
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while not predictions.exists() or predictions.read_bytes().count(b"\n") < 2:
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    before = predictions.read_bytes()
+    before = before[: before.rfind(b"\n") + 1]
+    assert 2 <= before.count(b"\n") < 12
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "pairs were answered before" in done.stderr
+    after = predictions.read_bytes()
+    assert after.startswith(before)
+    names = [json.loads(line)["pair"] for line in after.splitlines()]
+    assert len(names) == len(set(names)) == 12
+
+
+def test_an_absent_data_set_is_one_line_and_exit_code_2(tmp_path, capsys):
+    arguments = ["benchmark=3dmatch", f"data={tmp_path}", f"output_dir={tmp_path / 'run'}"]
+    code = command.run(
+        "evaluate", EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, arguments=arguments
+    )
+    message = capsys.readouterr().err
+    assert (code, message.count("\n")) == (2, 1)
+    assert "https://3dmatch.cs.princeton.edu" in message
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_missing_package_stops_with_the_pip_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "kiss_matcher", None)
     with pytest.raises(ImportError, match="pip install kiss-matcher"):
@@ -193,7 +316,12 @@ def test_a_missing_package_stops_with_the_pip_command(monkeypatch):
         ({"methods": ["skipnett"]}, "unknown method 'skipnett'"),
         ({"methods": []}, "at least one"),
         ({"methods": ["icp_from_coarse"]}, "put skipnet before it"),
-        ({"dataset": "folder"}, "data=FOLDER"),
+        ({"threads": 0}, "threads=0"),
+        ({"most_per_set": 0}, "most_per_set=0"),
+        ({"inlier_distance_m": 0.0}, "inlier_distance_m"),
+        ({"disturbances": [{"name": "a"}, {"name": "a"}]}, "different names"),
+        ({"disturbances": [{"keep": 0.0}]}, "keep=0"),
+        ({"disturbances": [{"crop": 1.0}]}, "crop=1"),
         ({"pairs": 0}, "pairs=0"),
         ({"time_limit_s": -1.0}, "time_limit_s"),
     ],
@@ -211,6 +339,8 @@ def test_settings_that_do_not_fit_say_what_to_do(options, message):
         (VariantConfig("skipnet", options={"generator": ["planes"]}), "generator"),
         (VariantConfig("skipnet", options={"generators": ["walls"]}), "walls"),
         (VariantConfig("kiss_matcher", options={"voxel_size_m": 0.001}), "0.005"),
+        (VariantConfig("open3d", options={"search": "fgrr"}), "ransac, fgr"),
+        (VariantConfig("matching", options={"descriptor": "shot"}), "fpfh, learned"),
     ],
 )
 def test_unknown_adapters_and_options_are_named(variant, message):

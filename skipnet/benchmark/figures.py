@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skipnet.benchmark.curves import (
+    METHOD_COLOURS,
+    draw_confidence,
+    draw_overlap,
+    draw_points,
+    legend_beside,
+    new_figure,
+)
 from skipnet.benchmark.datasets import PairSet
 from skipnet.benchmark.methods import STAGES
 from skipnet.benchmark.predictions import Prediction
-from skipnet.benchmark.scoring import ScoreRow, row_label
-from skipnet.viz.pictures import SCAN_COLOURS, draw_before_after
+from skipnet.benchmark.scoring import ScoreRow
+from skipnet.benchmark.summary import row_label
+from skipnet.viz.pictures import draw_before_after
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 STAGE_COLOURS = {"map": "#56B4E9", "transform": "#E69F00", "fine": "#0072B2"}
@@ -46,24 +54,54 @@ def draw_figures(
             "Mean axis error of every pair; hollow: outside the success thresholds",
             draw_pair_errors(rows, labels),
         ),
-        ReportFigure("times", "Median time of each stage", draw_times(summary)),
+        ReportFigure("times", "Median time of each stage", draw_times(summary, labels)),
+        ReportFigure(
+            "overlap",
+            "Success by overlap, with 95 % intervals; bins as in the table",
+            draw_overlap(rows, labels),
+        ),
+        ReportFigure(
+            "points",
+            "Time of every call by the size of its two scans; crosses: no answer",
+            draw_points(rows, labels),
+        ),
+        *_confidence_figures(rows, labels),
     ]
 
 
+def _confidence_figures(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[ReportFigure]:
+    figure = draw_confidence(rows, labels)
+    caption = (
+        "Confidence: left, the share of right answers by confidence, which lies on the diagonal if "
+        "calibrated (numbers: answers in the bin); right, precision against recall"
+    )
+    return [] if figure is None else [ReportFigure("confidence", caption, figure)]
+
+
 def draw_extremes(
-    method: str, rows: Sequence[ScoreRow], predictions: Sequence[Prediction], pair_set: PairSet
+    method: str,
+    rows: Sequence[ScoreRow],
+    predictions: Sequence[Prediction],
+    pair_set: PairSet,
+    worst: int,
 ) -> list[ReportFigure]:
-    """Before and after of the method's typical (median error) and worst pair with a pose."""
+    """Before and after of the method's typical (median error) and worst pairs with a pose."""
     final = [r for r in rows if (r.method, r.stage) == (method, "fine") and not r.error]
     final.sort(key=lambda row: row.mean_error_mm)
     if not final:
         return []
     pose_of = {p.pair: p.pose("fine") for p in predictions if p.method == method}
+    chosen = [("typical", final[len(final) // 2])]
+    chosen += [(f"worst_{n}", row) for n, row in enumerate(final[::-1][:worst], start=1)]
     figures = []
-    for kind, row in (("typical", final[len(final) // 2]), ("worst", final[-1])):
+    for kind, row in chosen:
         pair, pose = pair_set.load(pair_set.names.index(row.pair)), pose_of[row.pair]
         assert pose is not None  # rows without an error have a pose
-        caption = f"The {kind} pair of {method}: {row.pair}, mean error {row.mean_error_mm:.3g} mm"
+        outcome = "right" if row.success else f"wrong, and called {row.status}"
+        caption = (
+            f"{kind.replace('_', ' ').capitalize()} pair of {method}: {row.pair}, {outcome}; "
+            f"{row.rotation_error_deg:.3g} degrees, {row.mean_error_mm:.3g} mm"
+        )
         figure = draw_before_after(pair.source_m, pair.target_m, pose)
         figures.append(ReportFigure(f"{kind}_pair", caption, figure))
     return figures
@@ -71,7 +109,7 @@ def draw_extremes(
 
 def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
     """Cumulative curves of the mean axis error; one that ends below 1 has pairs without a pose."""
-    figure, axes = _new_figure(4.2)
+    figure, axes = new_figure(4.2)
     for line in _lines(rows, labels):
         errors_mm = np.sort([row.mean_error_mm for row in line.rows])
         shares = np.arange(1, len(errors_mm) + 1) / len(errors_mm)
@@ -83,7 +121,7 @@ def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figur
     axes.set(
         xscale="log", xlabel="mean axis error (mm)", ylabel="share of the pairs", ylim=(0, 1.03)
     )
-    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    legend_beside(axes)
     return figure
 
 
@@ -91,7 +129,7 @@ def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure
     """One mark per pair and row; hollow marks are failures."""
     from matplotlib.ticker import MaxNLocator
 
-    figure, axes = _new_figure(4.2)
+    figure, axes = new_figure(4.2)
     index_of = {name: i for i, name in enumerate(dict.fromkeys(row.pair for row in rows))}
     for line in _lines(rows, labels):
         x = np.array([index_of[row.pair] for row in line.rows])
@@ -102,14 +140,14 @@ def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure
         axes.scatter([], [], s=20, marker=marker, color=line.colour, label=line.label)
     axes.set(yscale="log", xlabel="pair", ylabel="mean axis error (mm)")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    legend_beside(axes)
     return figure
 
 
-def draw_times(summary: Sequence[dict[str, Any]]) -> Figure:
+def draw_times(summary: Sequence[dict[str, Any]], labels: dict[str, str]) -> Figure:
     """One bar per method, its stages stacked."""
     methods = list(dict.fromkeys(entry["method"] for entry in summary))
-    figure, axes = _new_figure(1.2 + 0.45 * len(methods))
+    figure, axes = new_figure(1.2 + 0.45 * len(methods))
     stage_s = {method: median_stages_s(summary, method) for method in methods}
     left_s = np.zeros(len(methods))
     for stage in STAGES:
@@ -126,12 +164,11 @@ def draw_times(summary: Sequence[dict[str, Any]]) -> Figure:
         left_s += seconds
     for y, total_s in enumerate(left_s):
         axes.text(total_s, y, f" {total_s:.2f} s", va="center")
-    names = [entry["label"].split(":")[0] for entry in summary if entry["stage"] == "fine"]
-    axes.set_yticks(range(len(methods)), names)
+    axes.set_yticks(range(len(methods)), [labels[method] for method in methods])
     axes.invert_yaxis()
     axes.margins(x=0.12)
     axes.set(xlabel="seconds (median over the pairs)")
-    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    legend_beside(axes)
     return figure
 
 
@@ -163,21 +200,9 @@ def _lines(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[_Line]:
     return [
         _Line(
             label=row_label(labels[method], stage, method in both),
-            colour=SCAN_COLOURS[methods.index(method) % len(SCAN_COLOURS)],
+            colour=METHOD_COLOURS[methods.index(method) % len(METHOD_COLOURS)],
             is_coarse=stage == "coarse",
             rows=[row for row in rows if (row.method, row.stage) == (method, stage)],
         )
         for method, stage in keys
     ]
-
-
-def _new_figure(height_inch: float) -> tuple[Figure, Axes]:
-    # Without pyplot: nothing global, nothing to close.
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, height_inch), layout="constrained")
-    axes = figure.subplots()
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(alpha=0.3)
-    axes.set_axisbelow(True)
-    return figure, axes

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
 from skipnet.benchmark.methods import Estimate, Method, Task
 
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
-def isolated(make: Callable[[], Method], limit_s: float) -> Method:
+
+def isolated(make: Callable[[], Method], limit_s: float | None = None, threads: int = 1) -> Method:
     """The method that ``make`` builds, run in a child process and stopped after ``limit_s``.
 
     The child is started at the first call and reused; only a stop or a crash brings a new one.
@@ -18,13 +24,15 @@ def isolated(make: Callable[[], Method], limit_s: float) -> Method:
 
     Args:
         make: picklable, called in the child.
-        limit_s: wall time that one call may take.
+        limit_s: wall time that one call may take; None for any.
+        threads: processors that the child may use: the thread pools are told, and where the system
+            can it gives the child no more (Open3D's pool does not listen).
 
     Returns:
         A method that raises TimeoutError past the limit, RuntimeError when the child dies, and
         whatever exception the method itself raises.
     """
-    worker = _Worker(make)
+    worker = _Worker(make, threads)
 
     def run(task: Task) -> Estimate:
         return worker.answer(task, limit_s)
@@ -35,12 +43,13 @@ def isolated(make: Callable[[], Method], limit_s: float) -> Method:
 class _Worker:
     """Owner of the child process and of the pipe to it."""
 
-    def __init__(self, make: Callable[[], Method]) -> None:
+    def __init__(self, make: Callable[[], Method], threads: int) -> None:
         self._make = make
+        self._threads = threads
         self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
 
-    def answer(self, task: Task, limit_s: float) -> Estimate:
+    def answer(self, task: Task, limit_s: float | None) -> Estimate:
         pipe = self._pipe or self._start()
         try:
             pipe.send(task)
@@ -65,8 +74,10 @@ class _Worker:
         # threads.
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(self._make, theirs), daemon=True)
-        self._process.start()
+        arguments = (self._make, theirs, self._threads)
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        with _environment(dict.fromkeys(THREAD_VARIABLES, str(self._threads))):
+            self._process.start()
         theirs.close()
         self._pipe = ours
         try:
@@ -88,8 +99,27 @@ class _Worker:
         self._process = self._pipe = None
 
 
-def _serve(make: Callable[[], Method], pipe: Connection) -> None:
+@contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Set variables that a child reads as it starts."""
+    saved = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in saved.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _serve(make: Callable[[], Method], pipe: Connection, threads: int) -> None:
     """The child: build the method, then answer tasks until the pipe closes."""
+    if hasattr(os, "sched_setaffinity"):
+        processors = sorted(os.sched_getaffinity(0))
+        first = os.getpid() % len(processors)
+        os.sched_setaffinity(0, (processors[first:] + processors[:first])[:threads])
     try:
         method = make()
     except Exception as error:
@@ -101,7 +131,9 @@ def _serve(make: Callable[[], Method], pipe: Connection) -> None:
             task = pipe.recv()
         except EOFError:
             return
+        started = time.perf_counter()
         try:
-            pipe.send(method(task))
+            estimate = method(task)
+            pipe.send(replace(estimate, time_s=time.perf_counter() - started))
         except Exception as error:
             pipe.send(error)

@@ -1,4 +1,4 @@
-"""Errors of one pose against the truth, and what they come to over many pairs."""
+"""Errors of poses and correspondences against the truth, and rates over many pairs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.geometry import pose_error
+from skipnet.geometry import invert, pose_error, transform_points
+from skipnet.skipmap.cells import cells_of, pack
 from skipnet.types import FloatArray, Pair
 
 
@@ -21,13 +22,18 @@ class PoseScore:
     axis_errors_m: tuple[float, float, float]
     """Mean displacement of the source's points along the target's X, Y and Z."""
     success: bool
-    """Both errors lie under the pair's thresholds."""
+    """Both errors lie under the pair's own thresholds."""
+    rmse_m: float | None = None
+    """RMSE through gt.info; None where the pair has none."""
 
     @property
     def mean_error_m(self) -> float:
         """Mean of the three axis errors, as in the last column of the paper's Table 2."""
         return float(np.mean(self.axis_errors_m))
 
+
+INLIER_SHARE = 0.05
+"""Feature-matching recall counts pairs with more inliers than this (Deng et al., CVPR 2018)."""
 
 MISSING_POSE = PoseScore(np.inf, np.inf, (np.inf, np.inf, np.inf), success=False)
 """The score of a method that gave no pose: a failure that stays in the denominator."""
@@ -75,7 +81,60 @@ def score_pose(T_estimated: FloatArray | None, pair: Pair) -> PoseScore:
             rotation_error_rad < pair.success_rotation_rad
             and translation_error_m < pair.success_translation_m
         ),
+        rmse_m=None if pair.information is None else rmse_m(T_estimated, pair),
     )
+
+
+def rmse_m(T_estimated: FloatArray, pair: Pair) -> float:
+    """RMSE of the pair's true correspondences under an estimate, through its gt.info.
+
+    Choi et al., "Robust reconstruction of indoor scenes", CVPR 2015, as evaluated by 3DMatch: a
+    quadratic approximation from the translation and the quaternion of inv(truth) @ estimate.
+
+    Raises:
+        ValueError: the pair has no gt.info.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if pair.information is None:
+        raise ValueError(f"{pair.name} has no gt.info: expected a 6x6 matrix")
+    left = invert(pair.T_target_source) @ T_estimated
+    quaternion = Rotation.from_matrix(left[:3, :3]).as_quat(canonical=True)  # x, y, z, w >= 0
+    error = np.concatenate([left[:3, 3], quaternion[:3]])
+    squared = error @ pair.information @ error / pair.information[0, 0]
+    return float(np.sqrt(max(squared, 0.0)))
+
+
+def inlier_ratio(
+    source_m: FloatArray, target_m: FloatArray, T_true: FloatArray, max_distance_m: float
+) -> float:
+    """Share of correspondences whose points meet under the true pose; 0 for none at all.
+
+    Args:
+        source_m: (K, 3) points of the source.
+        target_m: (K, 3) the points of the target that a method holds for the same.
+        T_true: (4, 4) true ``T_target_source``.
+        max_distance_m: below it they meet; 0.1 m in 3DMatch.
+    """
+    if len(source_m) == 0:
+        return 0.0
+    distance_m = np.linalg.norm(transform_points(T_true, source_m) - target_m, axis=1)
+    return float((distance_m < max_distance_m).mean())
+
+
+def measured_overlap(pair: Pair, voxel_size_m: float) -> float:
+    """Share of the source's occupied voxels that lie within a voxel of the target, by the truth."""
+    from scipy.spatial import cKDTree
+
+    source_m = transform_points(pair.T_target_source, _one_per_cell(pair.source_m, voxel_size_m))
+    tree = cKDTree(_one_per_cell(pair.target_m, voxel_size_m / 2))
+    distance_m, _ = tree.query(source_m, distance_upper_bound=voxel_size_m)
+    return float(np.isfinite(distance_m).mean())
+
+
+def _one_per_cell(points_m: FloatArray, size_m: float) -> FloatArray:
+    cells = pack(cells_of(points_m, size_m, np.median(points_m, axis=0)))
+    return points_m[np.unique(cells, return_index=True)[1]]
 
 
 def success_rate(successes: list[bool]) -> float:

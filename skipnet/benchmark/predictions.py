@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+import os
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ class Prediction:
     settings_hash: str
     """Of the pairs and of the method's options: answers are reused only under the same settings."""
     time_s: float
-    """Wall time of the whole call."""
+    """Wall time of the whole call, without the start of its process."""
     stage_s: dict[str, float] = field(default_factory=dict)
     """Seconds of the stages map, transform and fine, as far as the method has them."""
     timings_s: dict[str, float] = field(default_factory=dict)
@@ -37,6 +39,8 @@ class Prediction:
     reason: str = ""
     error: str | None = None
     """Why there is no pose: the exception, or the time limit; None if the method answered."""
+    correspondences: str | None = None
+    """File of the method's correspondences, relative to the predictions; None if it has none."""
 
     def pose(self, stage: str) -> FloatArray | None:
         """The (4, 4) pose of stage "coarse" or "fine", None where there is none."""
@@ -49,25 +53,48 @@ def append_prediction(path: Path, prediction: Prediction) -> None:
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(asdict(prediction)) + "\n")
         file.flush()
+        os.fsync(file.fileno())
+
+
+def save_correspondences(
+    folder: Path, prediction: Prediction, source_m: FloatArray, target_m: FloatArray
+) -> Prediction:
+    """Write (K, 3) source and target points that a method holds for the same, and note the file."""
+    digest = hashlib.sha256(prediction.pair.encode()).hexdigest()[:16]
+    path = Path("correspondences") / prediction.method / f"{digest}.npy"
+    (folder / path).parent.mkdir(parents=True, exist_ok=True)
+    clouds = np.stack([source_m, target_m]).astype(np.float32)
+    np.save(folder / path, clouds)
+    return replace(prediction, correspondences=path.as_posix())
+
+
+def load_correspondences(
+    folder: Path, prediction: Prediction
+) -> tuple[FloatArray, FloatArray] | None:
+    """What ``save_correspondences`` wrote; None if the method has none."""
+    if prediction.correspondences is None:
+        return None
+    source_m, target_m = np.load(folder / prediction.correspondences).astype(np.float64)
+    return source_m, target_m
 
 
 def read_predictions(path: Path) -> list[Prediction]:
     """All predictions in the file, in order; empty when there is none.
 
-    A last line that was cut off by a kill is removed from the file: its pair is predicted again.
+    A last line that was cut off by a kill is cut from the file: its pair is predicted again.
 
     Raises:
         ValueError: if another line is not a prediction.
     """
     if not path.exists():
         return []
-    text = path.read_text(encoding="utf-8")
-    complete, _, cut_off = text.rpartition("\n")
-    if cut_off:
-        path.write_text(complete + "\n" if complete else "", encoding="utf-8")
+    content = path.read_bytes()
+    complete = content[: content.rfind(b"\n") + 1]
+    if len(complete) < len(content):
+        os.truncate(path, len(complete))
     return [
         _parse(line, path, number)
-        for number, line in enumerate(complete.split("\n"), start=1)
+        for number, line in enumerate(complete.decode("utf-8").split("\n"), start=1)
         if line
     ]
 

@@ -13,18 +13,29 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from skipnet.benchmark.comparison import (
+    confidence_scores,
+    confidence_table,
+    correspondences_table,
+    overlap_table,
+    rules_table,
+    sets_table,
+    success_table,
+)
 from skipnet.benchmark.datasets import PairSet
 from skipnet.benchmark.figures import ReportFigure, draw_extremes, draw_figures
 from skipnet.benchmark.predictions import Prediction
-from skipnet.benchmark.scoring import ScoreRow, summarise, write_scores
+from skipnet.benchmark.protocols import PROTOCOLS, Protocol
+from skipnet.benchmark.scoring import Scorer, ScoreRow, write_scores
+from skipnet.benchmark.summary import summarise
 from skipnet.benchmark.tables import (
     PAPER_TABLE_2,
     Table,
     failures_table,
+    final_rows,
     means_table,
     number,
     pairs_table,
-    sets_table,
     stages_table,
     table_2,
     verdict_table,
@@ -50,6 +61,14 @@ class Results:
     labels: dict[str, str]
     """Method to its name in tables, in the order of the run."""
     pair_set: PairSet
+    scorer: Scorer
+    worst: int
+    """Pairs to show before and after, the worst of the first method."""
+
+    @property
+    def rule(self) -> Protocol:
+        """What counts as right."""
+        return PROTOCOLS[self.scorer.protocol]
 
 
 def write_report(results: Results, folder: Path) -> dict[str, Any]:
@@ -72,7 +91,11 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     tables = make_tables(results, entries)
     figures = draw_figures(results.rows, entries, results.labels)
     figures += draw_extremes(
-        next(iter(results.labels)), results.rows, results.predictions, results.pair_set
+        next(iter(results.labels)),
+        results.rows,
+        results.predictions,
+        results.pair_set,
+        results.worst,
     )
     pictures = write_figures(figures, folder / "figures")
     (folder / "report.md").write_text(markdown(summary, tables, figures), encoding="utf-8")
@@ -96,18 +119,26 @@ def run_versions() -> dict[str, str]:
 
 
 def make_tables(results: Results, entries: Sequence[dict[str, Any]]) -> list[Table]:
-    """The report's tables, the one in the form of the paper's Table 2 first."""
-    is_papers_room = {row.set for row in results.rows} == {PAPER_FAMILY}
-    tables = [table_2(entries, with_paper=is_papers_room), means_table(entries)]
-    if sum(entry["stage"] == "coarse" for entry in entries) > 1:
-        tables.insert(1, stages_table(entries, results.labels))
-    if len(entries[0]["success_rate_by_set"]) > 1:
-        tables.append(sets_table(entries))
-    tables.append(verdict_table(results.rows, results.labels))
-    failures = failures_table(results.rows, results.predictions)
-    if failures is not None:
-        tables.append(failures)
-    return [*tables, pairs_table(results.rows, results.labels)]
+    """The report's tables; for the paper's room the one in the form of its Table 2 first."""
+    rows, labels, rule = results.rows, results.labels, results.rule
+    is_papers_room = {row.set for row in rows} == {PAPER_FAMILY}
+    several_sets = len(entries[0]["success_rate_by_set"]) > 1
+    several_staged = sum(entry["stage"] == "coarse" for entry in entries) > 1
+    tables = [
+        table_2(entries, with_paper=True) if is_papers_room else None,
+        success_table(entries, labels, rule),
+        sets_table(rows, labels, rule) if several_sets else None,
+        rules_table(rows, labels),
+        overlap_table(rows, labels),
+        stages_table(entries, labels) if several_staged else None,
+        correspondences_table(entries, labels, results.scorer.inlier_distance_m),
+        verdict_table(rows, labels),
+        confidence_table(rows, labels),
+        means_table(entries),
+        failures_table(rows, results.predictions),
+        pairs_table(rows, labels),
+    ]
+    return [table for table in tables if table is not None]
 
 
 def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:
@@ -187,7 +218,7 @@ def write_dashboard(
     """The same figures for TensorBoard, where runs can be compared; curves run over the pairs."""
     step_of = {name: step for step, name in enumerate(results.pair_set.names)}
     with open_dashboard(folder) as writer:
-        log_hyperparameters(writer, dict(results.about), headline_scores(entries))
+        log_hyperparameters(writer, dict(results.about), headline_scores(entries, results.rows))
         for row in results.rows:
             for measure in ("mean_error_mm", "rotation_error_deg", "time_s"):
                 if math.isfinite(getattr(row, measure)):
@@ -199,14 +230,21 @@ def write_dashboard(
             log_png(writer, f"figures/{name}", png)
 
 
-def headline_scores(entries: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Success rate and median error of every row, by which runs are compared."""
+def headline_scores(
+    entries: Sequence[dict[str, Any]], rows: Sequence[ScoreRow]
+) -> dict[str, float]:
+    """Success rate, median error and time of every row, and ECE, by which runs are compared."""
     scores = {}
     for entry in entries:
         name = f"{entry['method']}_{entry['stage']}"
         scores[f"success_rate/{name}"] = entry["success_rate"]
-        if entry["median"]["mean_error_mm"] is not None:
-            scores[f"median_mean_error_mm/{name}"] = entry["median"]["mean_error_mm"]
+        for measure in ("mean_error_mm", "total_s"):
+            if entry["median"][measure] is not None:
+                scores[f"median_{measure}/{name}"] = entry["median"][measure]
+    for method in dict.fromkeys(row.method for row in rows):
+        confidence = confidence_scores(final_rows(rows, method))
+        if confidence is not None:
+            scores[f"expected_calibration_error/{method}"] = confidence["ece"]
     return scores
 
 

@@ -7,43 +7,37 @@ methods.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import sys
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 
-from skipnet.benchmark.datasets import PairSet, folder_pairs, simulated_pairs
-from skipnet.benchmark.isolation import isolated
-from skipnet.benchmark.methods import Estimate, Method, Task, make_method
-from skipnet.benchmark.predictions import Prediction, append_prediction, read_predictions
+from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.factories import (
+    Contestant,
+    describe,
+    group_of,
+    make_contestants,
+    make_pair_set,
+    protocol_of,
+)
+from skipnet.benchmark.methods import Estimate, Task
+from skipnet.benchmark.predictions import (
+    Prediction,
+    append_prediction,
+    read_predictions,
+    save_correspondences,
+)
 from skipnet.benchmark.report import Results, write_report
-from skipnet.benchmark.scoring import score_predictions
-from skipnet.config import DatasetKind, EvaluateConfig
+from skipnet.benchmark.scoring import Scorer, best_of_groups, score_predictions
+from skipnet.config import EvaluateConfig
 from skipnet.types import FloatArray, Pair
 
 PREDICTIONS_FILE = "predictions.jsonl"
-
-
-@dataclass(frozen=True)
-class Contestant:
-    """A method as it enters a benchmark."""
-
-    name: str
-    """Key in the predictions; unique."""
-    label: str
-    """Name in tables and figures."""
-    run: Method
-    settings_hash: str
-    """Changes with the pairs' and the method's settings."""
-    start_from: str = ""
-    """The contestant whose coarse pose is this one's start; empty for identity."""
 
 
 def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
@@ -66,73 +60,16 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
     print("scoring and drawing ...", file=progress)
     predictions = read_predictions(path)
     labels = {contestant.name: contestant.label for contestant in contestants}
-    rows = score_predictions(pair_set, list(labels), predictions)
-    summary = write_report(Results(describe(config), rows, predictions, labels, pair_set), folder)
+    scorer = Scorer(protocol_of(config), folder, config.inlier_distance_m)
+    rows = score_predictions(pair_set, list(labels), predictions, scorer)
+    best = best_of_groups(rows, group_of(config))
+    labels |= {row.method: row.method for row in best}
+    results = Results(
+        describe(config), [*rows, *best], predictions, labels, pair_set, scorer, config.worst
+    )
+    summary = write_report(results, folder)
     print(f"see {folder / 'report.html'}", file=progress)
     return summary
-
-
-def describe(config: EvaluateConfig) -> dict[str, str]:
-    """What was run, for the head of the report."""
-    about = {"benchmark": config.benchmark, "methods": ", ".join(config.methods)}
-    if config.dataset is DatasetKind.folder:
-        about["pairs from"] = f"{config.data} ({', '.join(config.sets) or 'all sets'})"
-        rotation = "a random rotation" if config.turn else "no rotation"
-        about["sources moved by"] = f"{rotation}, a shift of {config.shift_m:g} m"
-    else:
-        about["pairs from"] = f"{config.pairs} simulated scenes of family {config.family}"
-        about["scanner"] = f"{config.scanner}, rotation {config.rotation}"
-    about["seed"] = str(config.seed)
-    limit_s = config.time_limit_s
-    about["time limit"] = "none" if limit_s is None else f"{limit_s:g} s per pair and method"
-    return about
-
-
-def make_pair_set(config: EvaluateConfig) -> PairSet:
-    """The pairs that the config asks for."""
-    if config.dataset is DatasetKind.folder:
-        return folder_pairs(
-            str(config.data), list(config.sets), config.turn, config.shift_m, config.seed
-        )
-    return simulated_pairs(
-        config.family, config.pairs, config.seed, config.scanner, config.rotation, config.points
-    )
-
-
-def make_contestants(config: EvaluateConfig) -> list[Contestant]:
-    """The chosen methods, built and ready, in the order in which they run."""
-    contestants = []
-    for name in config.methods:
-        variant = config.variants[name]
-        make = partial(make_method, variant.adapter, dict(variant.options))
-        method = make()  # even if it will run in a child: a missing package must stop the run here
-        contestants.append(
-            Contestant(
-                name=name,
-                label=variant.label or name,
-                run=isolated(make, config.time_limit_s) if config.time_limit_s else method,
-                settings_hash=settings_hash(config, name),
-                start_from=variant.start_from,
-            )
-        )
-    return contestants
-
-
-def settings_hash(config: EvaluateConfig, method: str) -> str:
-    """Hash of all settings that an answer of ``method`` depends on.
-
-    Not of how many pairs there are, nor of the other methods: a run can be extended by both.
-    """
-    if config.dataset is DatasetKind.folder:
-        folder = Path(str(config.data)).resolve()
-        pairs = ["folder", str(folder), config.turn, config.shift_m, config.seed]
-    else:
-        pairs = ["simulated", config.scanner, config.rotation, config.points]
-    chain = [asdict(config.variants[method])]
-    while chain[-1]["start_from"]:
-        chain.append(asdict(config.variants[chain[-1]["start_from"]]))
-    text = json.dumps([pairs, chain, config.time_limit_s], sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def check_same_settings(path: Path, contestants: Iterable[Contestant]) -> None:
@@ -158,23 +95,35 @@ def predict(
 ) -> None:
     """Append to ``path`` the answer of every contestant to every pair for which it has none yet."""
     known = {(p.pair, p.method): p for p in read_predictions(path)}
-    for index, name in enumerate(pair_set.names):
-        missing = [c for c in contestants if (name, c.name) not in known]
-        if not missing:
-            continue
+    todo = [
+        index
+        for index, name in enumerate(pair_set.names)
+        if any((name, c.name) not in known for c in contestants)
+    ]
+    if len(todo) < len(pair_set):
+        print(f"{len(pair_set) - len(todo)} pairs were answered before", file=progress)
+    started = time.perf_counter()
+    for done, index in enumerate(todo):
+        name = pair_set.names[index]
         pair = pair_set.load(index)
         print(f"[{index + 1}/{len(pair_set)}] {name}", end="", file=progress, flush=True)
-        for contestant in missing:
-            prediction = answer(contestant, pair, known.get((name, contestant.start_from)))
+        for contestant in contestants:
+            if (name, contestant.name) in known:
+                continue
+            start = known.get((name, contestant.start_from))
+            prediction = answer(contestant, pair, start, path.parent)
             append_prediction(path, prediction)
             known[name, contestant.name] = prediction
             word = "raised" if prediction.error else prediction.status
             print(f" | {contestant.name}: {word}, {prediction.time_s:.2f} s", end="", file=progress)
             progress.flush()
-        print(file=progress)
+        left_s = (time.perf_counter() - started) / (done + 1) * (len(todo) - done - 1)
+        print(f" | about {left_s / 60:.0f} min left", file=progress)
 
 
-def answer(contestant: Contestant, pair: Pair, start: Prediction | None = None) -> Prediction:
+def answer(
+    contestant: Contestant, pair: Pair, start: Prediction | None, folder: Path
+) -> Prediction:
     """One contestant's answer to one pair; an exception becomes a failure with its reason.
 
     Args:
@@ -182,6 +131,7 @@ def answer(contestant: Contestant, pair: Pair, start: Prediction | None = None) 
         pair: of which the method sees all but the truth.
         start: the prediction whose coarse pose the method starts from; needed if it has
             ``start_from``.
+        folder: takes the correspondences of a method that has some.
     """
     failed = Prediction(pair.name, contestant.name, contestant.settings_hash, time_s=0.0)
     task = Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
@@ -195,8 +145,12 @@ def answer(contestant: Contestant, pair: Pair, start: Prediction | None = None) 
     started = time.perf_counter()
     try:
         estimate = contestant.run(task)
-        time_s = time.perf_counter() - started
-        return replace(failed, time_s=time_s, **_fields(estimate))
+        # A child's start and the way of the points to it are not the method's time.
+        time_s = time.perf_counter() - started if estimate.time_s is None else estimate.time_s
+        prediction = replace(failed, time_s=time_s, **_fields(estimate))
+        if estimate.correspondences is None:
+            return prediction
+        return save_correspondences(folder, prediction, *estimate.correspondences)
     except Exception as error:
         time_s = time.perf_counter() - started
         return replace(failed, time_s=time_s, error=f"{type(error).__name__}: {error}")

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from skipnet.benchmark.datasets import PairSet
-from skipnet.benchmark.metrics import score_pose, success_rate, wilson_interval
-from skipnet.benchmark.predictions import Prediction
+from skipnet.benchmark.metrics import (
+    inlier_ratio,
+    measured_overlap,
+    score_pose,
+)
+from skipnet.benchmark.predictions import Prediction, load_correspondences
+from skipnet.benchmark.protocols import right_by_rule
+from skipnet.config import ProtocolKind
+from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import Pair
 
 
@@ -26,7 +31,10 @@ class ScoreRow:
     method: str
     stage: str
     """coarse, or fine: the final pose."""
+    counts: bool
+    """Whether the pair is in the denominator under the run's protocol."""
     success: bool
+    """By the run's protocol."""
     rotation_error_deg: float
     translation_error_mm: float
     x_error_mm: float
@@ -37,6 +45,8 @@ class ScoreRow:
     """Of this stage alone: map and transform for coarse, fine alignment for fine."""
     map_s: float
     transform_s: float
+    total_s: float
+    """Of all the method's stages."""
     status: str
     confidence: float | None
     lead: float | None
@@ -44,29 +54,100 @@ class ScoreRow:
     overlap: float | None
     source_points: int
     target_points: int
+    rmse_mm: float | None
+    """Through gt.info; None where the pair has none."""
+    inlier_ratio: float | None
+    """Of the method's correspondences; None if it has none."""
+    own_limits: str
+    """The pair's own thresholds, in words."""
     error: str
+    right_by: dict[str, bool] = field(default_factory=dict)
+    """Rule to whether the pose is right by it; each is a column of its own in the file."""
 
 
-MEASURES = (
-    "rotation_error_deg",
-    "x_error_mm",
-    "y_error_mm",
-    "z_error_mm",
-    "mean_error_mm",
-    "time_s",
-    "map_s",
-    "transform_s",
-)
+@dataclass(frozen=True)
+class Scorer:
+    """The rules of a run, and where its predictions lie."""
+
+    protocol: ProtocolKind
+    folder: Path
+    """Where the files that predictions name are."""
+    inlier_distance_m: float | None = None
+    """Correspondences closer than this are inliers; None: two voxels of the pair's own size."""
+
+    def score(self, pair: Pair, prediction: Prediction, stage: str, scene: Scene) -> ScoreRow:
+        """One line of scores.csv."""
+        score = score_pose(prediction.pose(stage), pair)
+        right_by = right_by_rule(score, pair)
+        x_mm, y_mm, z_mm = (1e3 * error_m for error_m in score.axis_errors_m)
+        map_s, transform_s = (prediction.stage_s.get(name, 0.0) for name in ("map", "transform"))
+        fine_s = prediction.stage_s.get("fine", 0.0)
+        stage_s = map_s + transform_s if stage == "coarse" else fine_s
+        return ScoreRow(
+            pair=pair.name,
+            set=pair.set_name,
+            method=prediction.method,
+            stage=stage,
+            counts=self.protocol.name in right_by,
+            success=right_by.get(self.protocol.name, False),
+            rotation_error_deg=float(np.rad2deg(score.rotation_error_rad)),
+            translation_error_mm=1e3 * score.translation_error_m,
+            x_error_mm=x_mm,
+            y_error_mm=y_mm,
+            z_error_mm=z_mm,
+            mean_error_mm=1e3 * score.mean_error_m,
+            # A call that broke has no stages; all of it was spent on the pair.
+            time_s=prediction.time_s if prediction.error else stage_s,
+            map_s=map_s,
+            transform_s=transform_s,
+            total_s=prediction.time_s if prediction.error else map_s + transform_s + fine_s,
+            status=prediction.status,
+            confidence=prediction.confidence,
+            lead=prediction.lead,
+            overlap=scene.overlap,
+            source_points=len(pair.source_m),
+            target_points=len(pair.target_m),
+            rmse_mm=None if score.rmse_m is None else 1e3 * score.rmse_m,
+            inlier_ratio=self._inlier_ratio(pair, prediction, scene),
+            own_limits=scene.own_limits,
+            error=prediction.error or "",
+            right_by=right_by,
+        )
+
+    def _inlier_ratio(self, pair: Pair, prediction: Prediction, scene: Scene) -> float | None:
+        found = load_correspondences(self.folder, prediction)
+        if found is None:
+            return None
+        distance_m = self.inlier_distance_m or 2 * scene.voxel_size_m
+        return inlier_ratio(*found, pair.T_target_source, distance_m)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the scorer knows of a pair, whoever answered it."""
+
+    voxel_size_m: float
+    overlap: float
+    """As the data set gives it, otherwise measured by the truth."""
+    own_limits: str
+
+    @classmethod
+    def of(cls, pair: Pair) -> Scene:
+        """Measure one pair."""
+        size_m = choose_voxel_size(pair.source_m, pair.target_m)
+        overlap = measured_overlap(pair, size_m) if pair.overlap is None else pair.overlap
+        limit_deg = float(np.rad2deg(pair.success_rotation_rad))
+        return cls(size_m, overlap, f"{limit_deg:g}°, {pair.success_translation_m:g} m")
 
 
 def score_predictions(
-    pair_set: PairSet, methods: Sequence[str], predictions: Sequence[Prediction]
+    pair_set: PairSet, methods: Sequence[str], predictions: Sequence[Prediction], scorer: Scorer
 ) -> list[ScoreRow]:
     """One row per pair, method and stage that the method has, in the order of the pairs.
 
     Raises:
-        ValueError: if a method has no prediction for a pair; rates over fewer pairs would flatter
-            it.
+        ValueError: if a method has no prediction for a pair, as rates over fewer pairs would
+            flatter it; or if the protocol applies to none of the pairs.
     """
     of = {(prediction.pair, prediction.method): prediction for prediction in predictions}
     missing = [(p, m) for p in pair_set.names for m in methods if (p, m) not in of]
@@ -75,120 +156,51 @@ def score_predictions(
     two_staged = {p.method for p in predictions if p.T_target_source_coarse is not None}
     rows = []
     for pair in pair_set:
+        scene = Scene.of(pair)
         for method in methods:
             stages = ("coarse", "fine") if method in two_staged else ("fine",)
-            rows += [_score(pair, of[pair.name, method], stage) for stage in stages]
+            rows += [scorer.score(pair, of[pair.name, method], stage, scene) for stage in stages]
+    if not any(row.counts for row in rows):
+        raise ValueError(
+            f"protocol={scorer.protocol.name} applies to none of these pairs: it needs gt.info "
+            f"and pairs that are not consecutive; choose another, such as protocol=deg15_30cm"
+        )
     return rows
 
 
-def _score(pair: Pair, prediction: Prediction, stage: str) -> ScoreRow:
-    score = score_pose(prediction.pose(stage), pair)
-    x_mm, y_mm, z_mm = (1e3 * error_m for error_m in score.axis_errors_m)
-    map_s = prediction.stage_s.get("map", 0.0)
-    transform_s = prediction.stage_s.get("transform", 0.0)
-    fine_s = prediction.stage_s.get("fine", 0.0)
-    stage_s = map_s + transform_s if stage == "coarse" else fine_s
-    return ScoreRow(
-        pair=pair.name,
-        set=pair.set_name,
-        method=prediction.method,
-        stage=stage,
-        success=score.success,
-        rotation_error_deg=float(np.rad2deg(score.rotation_error_rad)),
-        translation_error_mm=1e3 * score.translation_error_m,
-        x_error_mm=x_mm,
-        y_error_mm=y_mm,
-        z_error_mm=z_mm,
-        mean_error_mm=1e3 * score.mean_error_m,
-        # A call that broke has no stages; all of it was spent on the pair.
-        time_s=prediction.time_s if prediction.error else stage_s,
-        map_s=map_s,
-        transform_s=transform_s,
-        status=prediction.status,
-        confidence=prediction.confidence,
-        lead=prediction.lead,
-        overlap=pair.overlap,
-        source_points=len(pair.source_m),
-        target_points=len(pair.target_m),
-        error=prediction.error or "",
-    )
+def best_of_groups(rows: Sequence[ScoreRow], group_of: dict[str, str]) -> list[ScoreRow]:
+    """More rows: for each group, on each set, those of its most successful variant.
+
+    Ties go to the smaller median error. It is chosen with the truth in hand, so it flatters.
+
+    Args:
+        rows: of all methods.
+        group_of: method to its group, for those that have one.
+
+    Returns:
+        The chosen rows, under the group's name as their method.
+    """
+    chosen = []
+    for group in dict.fromkeys(group_of.values()):
+        variants = [method for method in group_of if group_of[method] == group]
+        for name in dict.fromkeys(row.set for row in rows):
+            of = {v: [r for r in rows if (r.method, r.set) == (v, name)] for v in variants}
+            best = max(variants, key=lambda variant: _merit(of[variant]))
+            chosen += [replace(row, method=group) for row in of[best]]
+    return chosen
+
+
+def _merit(rows: list[ScoreRow]) -> tuple[int, float]:
+    final = [row for row in rows if row.stage == "fine"]
+    return sum(row.success for row in final), -float(np.median([r.mean_error_mm for r in final]))
 
 
 def write_scores(rows: Sequence[ScoreRow], path: Path) -> None:
-    """All rows as CSV, units in the headers."""
-    names = [field.name for field in fields(ScoreRow)]
+    """All rows as CSV, units in the headers, one column for each rule (empty: does not count)."""
+    names = [field.name for field in fields(ScoreRow) if field.name != "right_by"]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(names)
-        writer.writerows([getattr(row, name) for name in names] for row in rows)
-
-
-def summarise(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[dict[str, Any]]:
-    """One entry per method and stage, in order of appearance.
-
-    Rates and medians are over all pairs, a missing pose counting as a failure with infinite errors
-    (a median that is infinite is None). Means are over the pairs with a pose, ``poses`` of them.
-    """
-    keys = list(dict.fromkeys((row.method, row.stage) for row in rows))
-    both = {method for method, stage in keys if stage == "coarse"}
-    return [
-        _summarise_one(
-            [row for row in rows if (row.method, row.stage) == (method, stage)],
-            row_label(labels[method], stage, method in both),
-        )
-        for method, stage in keys
-    ]
-
-
-def row_label(label: str, stage: str, has_coarse: bool) -> str:
-    """Name of a row in a table.
-
-    >>> row_label("skipnet", "fine", has_coarse=True)
-    'skipnet: fine, after coarse'
-    """
-    if not has_coarse:
-        return label
-    return f"{label}: {'coarse' if stage == 'coarse' else 'fine, after coarse'}"
-
-
-def _summarise_one(rows: list[ScoreRow], label: str) -> dict[str, Any]:
-    successes = [row.success for row in rows]
-    entry: dict[str, Any] = {
-        "method": rows[0].method,
-        "stage": rows[0].stage,
-        "label": label,
-        "pairs": len(rows),
-        "poses": sum(math.isfinite(row.mean_error_mm) for row in rows),
-        "successes": sum(successes),
-        "success_rate": success_rate(successes),
-        "success_interval_95": wilson_interval(sum(successes), len(rows)),
-        "success_rate_by_set": _by_set(rows),
-    }
-    entry["success_rate_mean_of_sets"] = float(np.mean(list(entry["success_rate_by_set"].values())))
-    entry["median"] = {name: _median([getattr(row, name) for row in rows]) for name in MEASURES}
-    leads = [row.lead for row in rows if row.lead is not None]
-    entry["median_lead"] = _median(leads) if leads else None
-    entry["mean"] = {name: _finite_mean([getattr(row, name) for row in rows]) for name in MEASURES}
-    entry["largest"] = {name: _finite(max(getattr(row, name) for row in rows)) for name in MEASURES}
-    return entry
-
-
-def _by_set(rows: list[ScoreRow]) -> dict[str, float]:
-    return {
-        name: success_rate([row.success for row in rows if row.set == name])
-        for name in dict.fromkeys(row.set for row in rows)
-    }
-
-
-def _median(values: list[float]) -> float | None:
-    return _finite(float(np.median(values)))
-
-
-def _finite_mean(values: list[float]) -> float | None:
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.mean(finite)) if finite else None
-
-
-def _finite(value: float) -> float | None:
-    """JSON has no infinity: None stands for it."""
-    return float(value) if np.isfinite(value) else None
+        writer.writerow([*names, *(f"right_{kind.name}" for kind in ProtocolKind)])
+        for row in rows:
+            rules = [row.right_by.get(kind.name) for kind in ProtocolKind]
+            writer.writerow([*(getattr(row, name) for name in names), *rules])

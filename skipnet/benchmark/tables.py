@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from skipnet.benchmark.predictions import Prediction
-from skipnet.benchmark.scoring import ScoreRow, row_label
+from skipnet.benchmark.scoring import ScoreRow
+from skipnet.benchmark.summary import row_label
 
 NOTHING = "–"
 
@@ -130,30 +131,15 @@ def stages_table(summary: Sequence[dict[str, Any]], labels: dict[str, str]) -> T
     return Table("Coarse and fine side by side", headers, tuple(rows), note)
 
 
-def sets_table(summary: Sequence[dict[str, Any]]) -> Table:
-    """Success per set, and the mean over sets, which does not let the largest set decide."""
-    sets = list(summary[0]["success_rate_by_set"])
-    rows = tuple(
-        (
-            entry["label"],
-            *(f"{entry['success_rate_by_set'][name]:.0%}" for name in sets),
-            f"{entry['success_rate_mean_of_sets']:.1%}",
-            f"{entry['successes']} of {entry['pairs']}",
-        )
-        for entry in summary
-    )
-    return Table("Success by set", ("", *sets, "mean of sets", "all pairs"), rows)
-
-
 def verdict_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
     """What each method said about its answers against whether they were right."""
     lines = []
     for method in dict.fromkeys(row.method for row in rows):
-        final = [row for row in rows if row.method == method and row.stage == "fine"]
+        final = final_rows(rows, method)
         cells = []
         for status in STATUSES:
             said = [row for row in final if row.status == status and not row.error]
-            cells.append(_right_of(said))
+            cells.append(right_of(said))
         lines.append((labels[method], *cells, str(sum(bool(row.error) for row in final))))
     note = (
         "Right answers among those with that status. "
@@ -165,7 +151,7 @@ def verdict_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
 def failures_table(rows: Sequence[ScoreRow], predictions: Sequence[Prediction]) -> Table | None:
     """Every final pose that was not a success, worst first, and why; None if all were right."""
     reason_of = {(p.pair, p.method): p.error or p.reason for p in predictions}
-    failed = [row for row in rows if row.stage == "fine" and not row.success]
+    failed = [row for row in rows if row.stage == "fine" and row.counts and not row.success]
     if not failed:
         return None
     failed.sort(key=lambda row: (row.method, -row.mean_error_mm, row.pair))
@@ -176,7 +162,7 @@ def failures_table(rows: Sequence[ScoreRow], predictions: Sequence[Prediction]) 
             row.status,
             number(row.rotation_error_deg),
             number(row.mean_error_mm),
-            reason_of[row.pair, row.method],
+            reason_of.get((row.pair, row.method), ""),
         )
         for row in failed
     )
@@ -208,6 +194,11 @@ def pairs_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
     return Table("Every pair", headers, lines, folded=True)
 
 
+def final_rows(rows: Sequence[ScoreRow], method: str) -> list[ScoreRow]:
+    """The method's final poses on the pairs that count."""
+    return [row for row in rows if (row.method, row.stage) == (method, "fine") and row.counts]
+
+
 def number(value: float | None) -> str:
     """Three significant digits, without an exponent; a dash for what is missing or infinite.
 
@@ -233,7 +224,8 @@ def _success(entry: dict[str, Any]) -> str:
     return f"{entry['successes']} of {entry['pairs']}"
 
 
-def _right_of(rows: list[ScoreRow]) -> str:
+def right_of(rows: list[ScoreRow]) -> str:
+    """How many of the rows are right; a dash for none at all."""
     return f"{sum(row.success for row in rows)} of {len(rows)}" if rows else NOTHING
 
 

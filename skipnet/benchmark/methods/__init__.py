@@ -18,7 +18,7 @@ import numpy as np
 
 from skipnet.types import FloatArray
 
-ADAPTERS = ("skipnet", "icp", "open3d", "kiss_matcher", "small_gicp")
+ADAPTERS = ("skipnet", "icp", "open3d", "matching", "kiss_matcher", "small_gicp")
 MODULE_OF_ADAPTER = {"skipnet": "ours"}
 
 STAGES = ("map", "transform", "fine")
@@ -61,6 +61,11 @@ class Estimate:
     """One sentence for a person."""
     timings_s: Mapping[str, float] = field(default_factory=dict)
     """The method's own, finer stages, if it has any."""
+    time_s: float | None = None
+    """Wall time of the whole call as measured beside the method; None: not measured there."""
+    correspondences: tuple[FloatArray, FloatArray] | None = None
+    """(K, 3) points of the source and (K, 3) of the target that it holds for the same, if it
+    works with such."""
 
 
 Method = Callable[[Task], Estimate]

@@ -1,4 +1,4 @@
-"""ICP as the paper compares against it: point to point, all points, from a given start (Open3D)."""
+"""ICP as the paper compares against it: all points, from a given start (Open3D)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,20 @@ import numpy as np
 from skipnet.benchmark.methods import Estimate, Method, Task, require
 from skipnet.types import FloatArray
 
+NORMAL_NEIGHBOURS = 30
+
 
 def make(
+    to_planes: bool = False,
     max_distance_m: float | None = None,
     max_iterations: int = 100,
     tolerance: float = 1e-6,
 ) -> Method:
-    """Point-to-point ICP (Besl and McKay 1992) from ``T_target_source_start``.
+    """ICP from ``T_target_source_start``.
 
     Args:
+        to_planes: distances to the target's tangent planes (Chen and Medioni 1992) instead of to
+            its points (Besl and McKay 1992).
         max_distance_m: correspondences farther apart are dropped; None keeps every nearest
             neighbour, as the original algorithm does.
         max_iterations: upper bound of the iterations.
@@ -28,16 +33,20 @@ def make(
     registration = o3d.pipelines.registration
     criteria = registration.ICPConvergenceCriteria(tolerance, tolerance, max_iterations)
     point_to_point = registration.TransformationEstimationPointToPoint()
+    point_to_plane = registration.TransformationEstimationPointToPlane()
     reach_m = 1e6 if max_distance_m is None else max_distance_m
 
     def run(task: Task) -> Estimate:
         started = time.perf_counter()
+        source, target = to_cloud(task.source_m), to_cloud(task.target_m)
+        if to_planes:
+            target.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS))
         result = registration.registration_icp(
-            to_cloud(task.source_m),
-            to_cloud(task.target_m),
+            source,
+            target,
             reach_m,
             np.asarray(task.T_target_source_start, dtype=np.float64),
-            point_to_point,
+            point_to_plane if to_planes else point_to_point,
             criteria,
         )
         return Estimate(

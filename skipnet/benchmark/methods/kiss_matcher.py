@@ -1,4 +1,4 @@
-"""KISS-Matcher (Lim et al. 2025) for the coarse pose, small_gicp's GICP for the fine one."""
+"""KISS-Matcher (Lim et al. 2025), alone or with small_gicp's GICP for the fine pose."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ SMALLEST_VOXEL_M = 0.005
 """The package refuses smaller ones."""
 
 
-def make(voxel_size_m: float = 0.15, fine_voxel_size_m: float | None = None) -> Method:
+def make(
+    voxel_size_m: float = 0.3, fine: bool = True, fine_voxel_size_m: float | None = None
+) -> Method:
     """KISS-Matcher with its default gains, then GICP.
 
     Args:
-        voxel_size_m: the matcher's voxel size, the one figure it needs.
+        voxel_size_m: the matcher's voxel size, the one figure it needs; the package's own default.
+        fine: whether GICP follows.
         fine_voxel_size_m: voxel size of GICP; None takes half of ``voxel_size_m``.
     """
     if voxel_size_m < SMALLEST_VOXEL_M:
@@ -26,7 +29,7 @@ def make(voxel_size_m: float = 0.15, fine_voxel_size_m: float | None = None) -> 
             f"voxel_size_m={voxel_size_m}: KISS-Matcher needs at least {SMALLEST_VOXEL_M} m"
         )
     kiss_matcher = require("kiss_matcher", "kiss-matcher")
-    small_gicp = require("small_gicp", "small_gicp")
+    small_gicp = require("small_gicp", "small_gicp") if fine else None
     fine_m = voxel_size_m / 2 if fine_voxel_size_m is None else fine_voxel_size_m
 
     def run(task: Task) -> Estimate:
@@ -37,17 +40,13 @@ def make(voxel_size_m: float = 0.15, fine_voxel_size_m: float | None = None) -> 
         )
         matched = time.perf_counter()
         T_coarse = make_transform(np.asarray(solution.rotation), np.ravel(solution.translation))
-        T_fine = refine(small_gicp, task, T_coarse, fine_m, threads=1)
         prepared_s = matcher.get_processing_time() + matcher.get_extraction_time()
-        return Estimate(
-            T_target_source=T_fine,
-            T_target_source_coarse=T_coarse,
-            stage_s={
-                "map": prepared_s,
-                "transform": matched - started - prepared_s,
-                "fine": time.perf_counter() - matched,
-            },
-            reason=f"{matcher.get_num_final_inliers()} final inliers",
-        )
+        stage_s = {"map": prepared_s, "transform": matched - started - prepared_s}
+        reason = f"{matcher.get_num_final_inliers()} final inliers"
+        if small_gicp is None:
+            return Estimate(T_coarse, stage_s, T_coarse, reason=reason)
+        T_fine = refine(small_gicp, task, T_coarse, fine_m, threads=1)
+        stage_s["fine"] = time.perf_counter() - matched
+        return Estimate(T_fine, stage_s, T_coarse, reason=reason)
 
     return run

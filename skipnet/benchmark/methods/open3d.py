@@ -1,53 +1,65 @@
-"""FPFH features, RANSAC and point-to-plane ICP: the global registration of Open3D's tutorial."""
+"""FPFH features, RANSAC or FGR, and point-to-plane ICP: the global registration of Open3D."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from skipnet.benchmark.methods import Estimate, Method, Task, require
 from skipnet.benchmark.methods.icp import to_cloud
+from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray
 
 NORMAL_RADIUS_VOXELS = 2.0
 FEATURE_RADIUS_VOXELS = 5.0
 RANSAC_DISTANCE_VOXELS = 1.5
+FGR_DISTANCE_VOXELS = 0.5
 ICP_DISTANCE_VOXELS = 0.4
 """Multiples of the voxel size as in the tutorial."""
 
+Described = tuple[Any, Any]
+"""An Open3D cloud and its features."""
+
 
 def make(
-    voxel_size_m: float = 0.15, max_iterations: int = 100_000, confidence: float = 0.999
+    search: str = "ransac",
+    voxel_size_m: float | None = None,
+    max_iterations: int = 100_000,
+    confidence: float = 0.999,
+    seed: int = 0,
 ) -> Method:
-    """FPFH (Rusu 2009) on voxels, RANSAC over feature matches, point-to-plane ICP.
-
-    Open3D's RANSAC is not deterministic, not even with a seed: figures vary a little from run to
-    run.
+    """FPFH (Rusu 2009) on voxels, a search over feature matches, point-to-plane ICP.
 
     Args:
-        voxel_size_m: size of the voxels; every other length follows from it.
+        search: "ransac" (Fischler and Bolles 1981) or "fgr" (Zhou et al. 2016).
+        voxel_size_m: size of the voxels; every other length follows from it. None takes the size
+            that skipnet chooses from the data: Open3D itself has no default.
         max_iterations: upper bound of RANSAC's draws.
         confidence: probability of a good draw at which RANSAC stops earlier.
+        seed: of the search; with one thread the same seed gives the same pose.
     """
     o3d = require("open3d", "open3d")
     criteria = o3d.pipelines.registration.RANSACConvergenceCriteria(max_iterations, confidence)
+    searches: dict[str, Callable[[Described, Described, float], FloatArray]] = {
+        "ransac": lambda source, target, size_m: _ransac(o3d, source, target, size_m, criteria),
+        "fgr": lambda source, target, size_m: _fgr(o3d, source, target, size_m),
+    }
+    if search not in searches:
+        raise ValueError(f"search={search}: expected one of {', '.join(searches)}")
 
     def run(task: Task) -> Estimate:
         started = time.perf_counter()
-        source, source_features = _describe(
-            o3d, task.source_m, task.source_viewpoint_m, voxel_size_m
-        )
-        target, target_features = _describe(
-            o3d, task.target_m, task.target_viewpoint_m, voxel_size_m
-        )
+        size_m = voxel_size_m or choose_voxel_size(task.source_m, task.target_m)
+        source = _describe(o3d, task.source_m, task.source_viewpoint_m, size_m)
+        target = _describe(o3d, task.target_m, task.target_viewpoint_m, size_m)
         described = time.perf_counter()
-        T_coarse = _ransac(
-            o3d, source, target, source_features, target_features, voxel_size_m, criteria
-        )
+        o3d.utility.random.seed(seed)
+        T_coarse = searches[search](source, target, size_m)
         matched = time.perf_counter()
-        T_fine = _refine(o3d, source, target, T_coarse, ICP_DISTANCE_VOXELS * voxel_size_m)
+        T_fine = refine_to_planes(o3d, source[0], target[0], T_coarse, size_m)
         return Estimate(
             T_target_source=T_fine,
             T_target_source_coarse=T_coarse,
@@ -56,14 +68,30 @@ def make(
                 "transform": matched - described,
                 "fine": time.perf_counter() - matched,
             },
+            reason=f"voxels of {size_m:g} m",
         )
 
     return run
 
 
+def refine_to_planes(
+    o3d: Any, source: Any, target: Any, T_start: FloatArray, voxel_size_m: float
+) -> FloatArray:
+    """The (4, 4) pose that point-to-plane ICP reaches; the target has normals."""
+    registration = o3d.pipelines.registration
+    result = registration.registration_icp(
+        source,
+        target,
+        ICP_DISTANCE_VOXELS * voxel_size_m,
+        np.asarray(T_start, dtype=np.float64),
+        registration.TransformationEstimationPointToPlane(),
+    )
+    return np.asarray(result.transformation)
+
+
 def _describe(
     o3d: Any, points_m: FloatArray, viewpoint_m: FloatArray | None, voxel_size_m: float
-) -> tuple[Any, Any]:
+) -> Described:
     cloud = to_cloud(points_m).voxel_down_sample(voxel_size_m)
     search = o3d.geometry.KDTreeSearchParamHybrid
     cloud.estimate_normals(search(radius=NORMAL_RADIUS_VOXELS * voxel_size_m, max_nn=30))
@@ -76,21 +104,15 @@ def _describe(
 
 
 def _ransac(
-    o3d: Any,
-    source: Any,
-    target: Any,
-    source_features: Any,
-    target_features: Any,
-    voxel_size_m: float,
-    criteria: Any,
+    o3d: Any, source: Described, target: Described, voxel_size_m: float, criteria: Any
 ) -> FloatArray:
     registration = o3d.pipelines.registration
     distance_m = RANSAC_DISTANCE_VOXELS * voxel_size_m
     result = registration.registration_ransac_based_on_feature_matching(
-        source,
-        target,
-        source_features,
-        target_features,
+        source[0],
+        target[0],
+        source[1],
+        target[1],
         True,
         distance_m,
         registration.TransformationEstimationPointToPoint(False),
@@ -104,9 +126,12 @@ def _ransac(
     return np.asarray(result.transformation)
 
 
-def _refine(o3d: Any, source: Any, target: Any, T_start: FloatArray, reach_m: float) -> FloatArray:
+def _fgr(o3d: Any, source: Described, target: Described, voxel_size_m: float) -> FloatArray:
     registration = o3d.pipelines.registration
-    result = registration.registration_icp(
-        source, target, reach_m, T_start, registration.TransformationEstimationPointToPlane()
+    option = registration.FastGlobalRegistrationOption(
+        maximum_correspondence_distance=FGR_DISTANCE_VOXELS * voxel_size_m
+    )
+    result = registration.registration_fgr_based_on_feature_matching(
+        source[0], target[0], source[1], target[1], option
     )
     return np.asarray(result.transformation)

@@ -1,0 +1,70 @@
+"""The same pairs under worse conditions: noisier, sparser, with less overlap."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from skipnet.benchmark.datasets.pairset import PairSet
+from skipnet.config import DisturbanceConfig
+from skipnet.geometry import transform_points
+from skipnet.types import BoolArray, FloatArray, Pair
+
+
+def disturbed_pairs(pair_set: PairSet, disturbances: Sequence[DisturbanceConfig]) -> PairSet:
+    """Every pair once with each disturbance; without disturbances the same set.
+
+    The disturbance's name ends the names of the pair and of its set, so that each condition is a
+    column in a table of sets.
+    """
+    if not disturbances:
+        return pair_set
+    plan = [(i, one) for one in disturbances for i in range(len(pair_set))]
+    names = tuple(f"{pair_set.names[i]}, {one.name}" for i, one in plan)
+
+    def load(index: int) -> Pair:
+        i, one = plan[index]
+        pair = disturb(pair_set.load(i), one.noise_m, one.keep, one.crop)
+        return replace(pair, name=names[index], set_name=f"{pair.set_name}, {one.name}")
+
+    return PairSet(names, load)
+
+
+def disturb(pair: Pair, noise_m: float = 0.0, keep: float = 1.0, crop: float = 0.0) -> Pair:
+    """The pair with both scans cropped, thinned and shaken; the truth stays.
+
+    Args:
+        pair: its name seeds every draw, so all methods see the same.
+        noise_m: standard deviation of the noise on every coordinate.
+        keep: share of the points that stay.
+        crop: share of each scan that a plane of random direction cuts off, of the source on one
+            side and of the target on the other; the overlap is then unknown.
+    """
+    rng = np.random.default_rng([1, zlib.crc32(pair.name.encode())])
+    source_m, target_m = pair.source_m, pair.target_m
+    if crop > 0:
+        direction = rng.standard_normal(3)
+        source_in_target_m = transform_points(pair.T_target_source, source_m)
+        source_m = source_m[_beyond(source_in_target_m @ direction, crop)]
+        target_m = target_m[_beyond(target_m @ -direction, crop)]
+    source_m, target_m = (_thin_and_shake(p, keep, noise_m, rng) for p in (source_m, target_m))
+    overlap = pair.overlap if crop == 0 else None
+    return replace(pair, source_m=source_m, target_m=target_m, overlap=overlap)
+
+
+def _beyond(along_m: FloatArray, share: float) -> BoolArray:
+    """(N,) whether a point is not among the ``share`` with the smallest values."""
+    return along_m >= np.quantile(along_m, share)
+
+
+def _thin_and_shake(
+    points_m: FloatArray, keep: float, noise_m: float, rng: np.random.Generator
+) -> FloatArray:
+    if keep < 1:
+        points_m = points_m[rng.random(len(points_m)) < keep]
+    if noise_m > 0:
+        points_m = points_m + rng.normal(0, noise_m, points_m.shape)
+    return points_m

@@ -1,0 +1,53 @@
+"""Any folder with a pairs.json: scans, reference transforms and thresholds, pair by pair."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skipnet.benchmark.datasets.pairset import Listed
+
+PAIRS_FILE = "pairs.json"
+
+
+def list_pairs(folder: Path) -> list[Listed]:
+    """The pairs that ``pairs.json`` lists.
+
+    Each entry of its list ``pairs`` has set, source, target (paths in the folder), T_target_source
+    (4x4, metres), success_rotation_deg, success_translation_m and perhaps overlap.
+
+    Raises:
+        FileNotFoundError: no such file in the folder.
+        ValueError: it is not such a file.
+    """
+    path = folder / PAIRS_FILE
+    if not path.is_file():
+        raise FileNotFoundError(f"no {PAIRS_FILE} in {folder}")
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))["pairs"]
+        pairs = [_parse(entry, folder) for entry in entries]
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise ValueError(f'{path} is not a JSON object with a list "pairs": {error!r}') from error
+    if not pairs:
+        raise ValueError(f"{path} lists no pairs")
+    return pairs
+
+
+def _parse(entry: dict[str, Any], folder: Path) -> Listed:
+    name = f"{entry['set']}/{Path(entry['source']).stem}-to-{Path(entry['target']).stem}"
+    T_target_source = np.asarray(entry["T_target_source"], dtype=np.float64)
+    if T_target_source.shape != (4, 4):
+        raise ValueError(f"{name}: T_target_source must be 4x4, got shape {T_target_source.shape}")
+    return Listed(
+        name=name,
+        set_name=entry["set"],
+        source=folder / entry["source"],
+        target=folder / entry["target"],
+        T_target_source=T_target_source,
+        overlap=entry.get("overlap"),
+        success_rotation_deg=float(entry["success_rotation_deg"]),
+        success_translation_m=float(entry["success_translation_m"]),
+    )

@@ -1,0 +1,50 @@
+"""Pairs of simulated scenes, made on demand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from skipnet.benchmark.datasets.pairset import PairSet, check_known
+from skipnet.types import Pair
+
+
+def simulated_pairs(
+    family: str,
+    count: int,
+    seed: int = 0,
+    scanner: str = "terrestrial",
+    rotation: str = "yaw",
+    points: int | None = None,
+) -> PairSet:
+    """``count`` simulated pairs of one family, or of all; pair i is made from seed ``seed + i``.
+
+    Args:
+        family: one of ``skipnet.simulation.scenes.FAMILIES``, or "all": ``count``
+            pairs of each whose scans have one answer only.
+        count: number of pairs, at least 1.
+        seed: seed of the first pair.
+        scanner: one of ``skipnet.simulation.scanner.SCANNERS``.
+        rotation: "yaw" keeps the second scanner upright, "any" turns it freely.
+        points: beams per scan; None takes the scanner's own number.
+    """
+    from skipnet.simulation.pairs import ROTATIONS, simulate_pair
+    from skipnet.simulation.scanner import SCANNERS
+    from skipnet.simulation.scenes import AMBIGUOUS_FAMILIES, FAMILIES
+
+    if count < 1:
+        raise ValueError(f"pairs={count}: expected at least one simulated pair")
+    # Here, not at the first pair: a run that cannot start should leave no folder behind.
+    check_known("family", family, ("all", *FAMILIES))
+    check_known("scanner", scanner, tuple(SCANNERS))
+    check_known("rotation", rotation, ROTATIONS)
+    unique = [one for one in FAMILIES if one not in AMBIGUOUS_FAMILIES]
+    families = unique if family == "all" else [family]
+    plan = [(one, seed + index) for one in families for index in range(count)]
+    names = tuple(f"{one}_{scene_seed:04d}" for one, scene_seed in plan)
+
+    def load(index: int) -> Pair:
+        one, scene_seed = plan[index]
+        simulated = simulate_pair(one, scene_seed, scanner, rotation, points)
+        return replace(simulated.pair, name=names[index])
+
+    return PairSet(names, load)
