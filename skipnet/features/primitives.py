@@ -68,17 +68,21 @@ def find_planes(
         normals = normals * _shared_sign(normals)[:, None]
     tolerance_m = max_offset_voxels * skipmap.voxel_size_m
     bins = _direction_offset_bins(normals, points_m, 2 * tolerance_m)
+    columns_m, normal_columns = np.ascontiguousarray(points_m.T), np.ascontiguousarray(normals.T)
     free = np.ones(len(points_m), dtype=bool)
     found: list[tuple[FloatArray, FloatArray, int]] = []
     while len(found) < max_planes and free.sum() >= min_voxels:
         seed = free & (bins == np.bincount(bins[free]).argmax())
         if seed.sum() < min_voxels / 4:
             break
-        normal, inlier = _grow_plane(points_m, normals, seed, tolerance_m, np.cos(max_angle_rad))
-        inlier &= free
-        if inlier.sum() >= min_voxels:
-            found.append((normal, points_m[inlier].mean(axis=0) + centre_m, int(inlier.sum())))
-        free &= ~(inlier | seed)
+        normal, inlier = _grow_plane(
+            columns_m, normal_columns, seed, tolerance_m, np.cos(max_angle_rad)
+        )
+        inlier = inlier[free[inlier]]
+        if len(inlier) >= min_voxels:
+            found.append((normal, points_m[inlier].mean(axis=0) + centre_m, len(inlier)))
+        free[inlier] = False
+        free &= ~seed
     return _as_planes(found)
 
 
@@ -97,25 +101,29 @@ def _grow_plane(
     seed: BoolArray,
     tolerance_m: float,
     min_cosine: float,
-) -> tuple[FloatArray, BoolArray]:
-    """Fit a plane to the seed, then three times to its inliers among all; normal and inliers."""
-    normal = normals[seed].mean(axis=0)
+) -> tuple[FloatArray, IntArray]:
+    """Fit a plane to the seed, then three times to its inliers among all (3, V) voxels.
+
+    Returns:
+        (3,) unit normal and the rows of the inliers.
+    """
+    normal = normals[:, seed].mean(axis=1)
     normal /= np.linalg.norm(normal)
-    inlier = seed
+    rows = np.flatnonzero(seed)
     for _ in range(3):
-        along_m = points_m @ normal
-        inlier = np.abs(along_m - np.median(along_m[inlier])) < tolerance_m
-        inlier &= normals @ normal > min_cosine
-        if inlier.sum() < 3:
+        along_m = normal @ points_m
+        near = np.abs(along_m - np.median(along_m[rows])) < tolerance_m
+        rows = np.flatnonzero(near & (normal @ normals > min_cosine))
+        if len(rows) < 3:
             break
-        normal = _fit_normal(points_m[inlier], normal)
-    return normal, inlier
+        normal = _fit_normal(points_m.take(rows, axis=1), normal)
+    return normal, rows
 
 
 def _fit_normal(points_m: FloatArray, towards: FloatArray) -> FloatArray:
-    """Least-squares normal of a point set, on the side of ``towards``."""
-    centred = points_m - points_m.mean(axis=0)
-    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    """Least-squares normal of (3, P) points, on the side of ``towards``."""
+    centred = points_m - points_m.mean(axis=1, keepdims=True)
+    normal = np.linalg.eigh(centred @ centred.T)[1][:, 0]
     return normal if normal @ towards >= 0 else -normal
 
 
