@@ -14,6 +14,10 @@ CONFIG_DIR = Path(__file__).parent / "configs"
 
 def main(config: EvaluateConfig) -> dict[str, Any]:
     """Run the benchmark that ``config`` describes and return its summary."""
+    if config.benchmark == "speed":
+        from skipnet.benchmark.speed import run_speed
+
+        return run_speed(config)
     from skipnet.benchmark.runner import run_benchmark
 
     return run_benchmark(config)

@@ -444,6 +444,30 @@ class DisturbanceConfig:
 
 
 @dataclass
+class SpeedConfig:
+    """What ``benchmark=speed`` measures."""
+
+    families: list[str] = field(default_factory=lambda: ["paper_room", "facade"])
+    """Simulated families of scenes."""
+    beams: list[int] = field(
+        default_factory=lambda: [50_000, 200_000, 1_300_000, 5_000_000, 10_000_000]
+    )
+    """Beams per scan of each size, ascending."""
+    most_beams: dict[str, int] = field(default_factory=dict)
+    """Method to the largest size at which it runs; the others run at all."""
+    voxels_m: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Family to each method's ``voxel_size_m`` there; the others choose their own."""
+    memory: bool = True
+    """Measure the peak memory too: each method once more per size, in a process of its own."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.families), "speed.families", self.families, "at least one family")
+        beams = self.beams
+        ascending = bool(beams) and min(beams) > 0 and sorted(beams) == list(beams)
+        require(ascending, "speed.beams", beams, "whole numbers above 0, ascending")
+
+
+@dataclass
 class EvaluateConfig:
     """Options of ``evaluate.py``: methods compared on the same pairs."""
 
@@ -481,6 +505,8 @@ class EvaluateConfig:
     """Methods to run, in this order; each is a key of variants."""
     variants: dict[str, VariantConfig] = field(default_factory=standard_variants)
     """Every method that can be chosen."""
+    speed: SpeedConfig = field(default_factory=SpeedConfig)
+    """benchmark=speed: the sizes of its scans, and what of each to measure."""
     time_limit_s: float | None = 300.0
     """A method that takes longer on a pair is stopped and has failed there; null never stops."""
     threads: int = 1

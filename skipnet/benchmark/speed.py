@@ -1,0 +1,204 @@
+"""Time and memory against the number of points: ``python evaluate.py benchmark=speed``.
+
+The same simulated scenes are scanned with more and more beams. All methods run in one process, one
+after the other on the same scans, in an order that turns around from scene to scene, so that what
+else the machine does meets all of them alike. Memory is measured apart, each time in a process of
+its own: freed memory stays with a process, and a second method would find it there.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from skipnet.benchmark.methods import Method, Task, make_method
+from skipnet.config import EvaluateConfig
+from skipnet.geometry import pose_error
+from skipnet.simulation.pairs import simulate_pair
+from skipnet.types import Pair
+
+MEASUREMENTS_FILE = "measurements.jsonl"
+_WARM_UP_BEAMS = 5000
+"""Each method registers so small a pair first: what it imports late does not count."""
+_BYTES_PER_RSS_UNIT = 1 if sys.platform == "darwin" else 1024
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One method on one pair."""
+
+    family: str
+    beams: int
+    """Beams of each scan: the size that was asked for."""
+    method: str
+    seed: int
+    """Of the scene."""
+    points: int
+    """Points of both scans together; some beams meet nothing."""
+    time_s: float
+    is_right: bool
+    """Whether the pose lies within the pair's success thresholds."""
+    stages_s: Mapping[str, float] = field(default_factory=dict)
+    """Seconds of each stage, as far as the method tells."""
+    input_bytes: int = 0
+    extra_bytes: int | None = None
+    """Peak memory beyond the two scans themselves; None where it was not measured."""
+    error: str = ""
+    """What it raised."""
+
+
+def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
+    """Measure all chosen methods at all sizes and write the report into ``config.output_dir``.
+
+    Returns:
+        The content of summary.json.
+
+    Raises:
+        ImportError: when a chosen method's package is missing.
+    """
+    from skipnet.benchmark.runner import write_config
+    from skipnet.benchmark.speed_report import write_speed_report
+
+    folder = Path(config.output_dir)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_config(config, folder / "config.yaml")
+    measured = []
+    with open(folder / MEASUREMENTS_FILE, "w", encoding="utf-8") as file:
+        for measurement in measure_all(config):
+            measured.append(measurement)
+            file.write(json.dumps(asdict(measurement)) + "\n")
+            file.flush()
+            print(_line(measurement), file=progress)
+    summary = write_speed_report(config, measured, folder)
+    print(f"see {folder / 'report.html'}", file=progress)
+    return summary
+
+
+def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
+    """Every method on every pair of every family and size, small sizes first."""
+    for family in config.speed.families:
+        methods = {name: make_method(*_recipe(config, name, family)) for name in config.methods}
+        small = simulate_pair(family, config.seed, points=_WARM_UP_BEAMS).pair
+        for name, method in methods.items():
+            measure(
+                method, small, Measurement(family, _WARM_UP_BEAMS, name, config.seed, 0, 0, False)
+            )
+        for beams in config.speed.beams:
+            names = [name for name in config.methods if beams <= _most_beams(config, name)]
+            for turn in range(config.pairs):
+                seed = config.seed + turn
+                pair = simulate_pair(family, seed, points=beams).pair
+                for name in names if turn % 2 == 0 else reversed(names):
+                    about = Measurement(family, beams, name, seed, 0, 0, False)
+                    found = measure(methods[name], pair, about)
+                    if turn == 0 and config.speed.memory:
+                        recipe = _recipe(config, name, family)
+                        found = replace(found, extra_bytes=peak_bytes(recipe, pair, small))
+                    yield found
+
+
+def measure(method: Method, pair: Pair, about: Measurement) -> Measurement:
+    """Time one call; an exception becomes an answer that is wrong, with its reason."""
+    found = replace(
+        about,
+        is_right=False,
+        points=len(pair.source_m) + len(pair.target_m),
+        input_bytes=pair.source_m.nbytes + pair.target_m.nbytes,
+    )
+    task = Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
+    started = time.perf_counter()
+    try:
+        estimate = method(task)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        return replace(found, time_s=time.perf_counter() - started, error=reason)
+    time_s = time.perf_counter() - started
+    rotation_rad, translation_m = pose_error(estimate.T_target_source, pair.T_target_source)
+    is_right = (
+        rotation_rad < pair.success_rotation_rad and translation_m < pair.success_translation_m
+    )
+    stages_s = dict(estimate.timings_s or estimate.stage_s)
+    return replace(found, time_s=time_s, is_right=is_right, stages_s=stages_s)
+
+
+def peak_bytes(recipe: tuple[str, Mapping[str, Any]], pair: Pair, small: Pair) -> int | None:
+    """Peak memory of one call beyond its input, in a process of its own; None if it died.
+
+    Args:
+        recipe: adapter and options of the method.
+        pair: to register.
+        small: registered before, so that modules loaded late do not count.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"{name}.npy" for name in ("source", "target")]
+        np.save(paths[0], pair.source_m)
+        np.save(paths[1], pair.target_m)
+        task = Task(small.source_m, small.target_m)
+        child = context.Process(target=_report_peak, args=(recipe, paths, task, theirs))
+        child.start()
+        theirs.close()
+        try:
+            extra: int | None = ours.recv()
+        except EOFError:
+            extra = None
+        child.join()
+    return extra
+
+
+def _report_peak(
+    recipe: tuple[str, Mapping[str, Any]], paths: list[Path], small: Task, pipe: Connection
+) -> None:
+    """The child: how far the peak of resident memory rises above where it stood before the call."""
+    method = make_method(*recipe)
+    method(small)
+    task = Task(np.load(paths[0]), np.load(paths[1]))
+    before = _memory_bytes()[0]
+    method(task)
+    pipe.send(max(_memory_bytes()[1] - before, 0))
+
+
+def _memory_bytes() -> tuple[int, int]:
+    """Resident memory of this process, now and at its peak; on other systems than Linux the peak.
+
+    Linux's own figures, because ``getrusage`` lets a child start at its parent's peak.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        now, peak = (int(lines[name].split()[0]) * 1024 for name in ("VmRSS", "VmHWM"))
+        return now, peak
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _BYTES_PER_RSS_UNIT
+    return peak, peak
+
+
+def _recipe(config: EvaluateConfig, name: str, family: str) -> tuple[str, Mapping[str, Any]]:
+    """Adapter and options of a method for one family."""
+    variant = config.variants[name]
+    options = dict(variant.options)
+    voxel_size_m = config.speed.voxels_m.get(family, {}).get(name)
+    if voxel_size_m is not None:
+        options["voxel_size_m"] = voxel_size_m
+    return variant.adapter, options
+
+
+def _most_beams(config: EvaluateConfig, name: str) -> float:
+    return config.speed.most_beams.get(name, np.inf)
+
+
+def _line(found: Measurement) -> str:
+    outcome = found.error or ("right" if found.is_right else "wrong")
+    size = f"{found.family} {found.beams:,} beams, scene {found.seed}"
+    return f"{size} | {found.method}: {found.time_s:.3f} s, {outcome}"

@@ -1,0 +1,222 @@
+"""What ``benchmark=speed`` leaves for people: tables, the log-log plot, exponents, ratios."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skipnet.benchmark.figures import ReportFigure
+from skipnet.benchmark.report import html_page, markdown, run_versions, write_figures
+from skipnet.benchmark.tables import NOTHING, PAPER_TABLE_2, Table, number
+from skipnet.config import EvaluateConfig
+from skipnet.viz.dashboard import log_png, log_scalars, open_dashboard
+from skipnet.viz.pictures import scan_colour
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from skipnet.benchmark.speed import Measurement
+
+PAPER_MAP_S = PAPER_TABLE_2["skipnet", "coarse"]["map_s"]
+"""What voxels and map alone took in the paper."""
+
+
+def write_speed_report(
+    config: EvaluateConfig, measured: Sequence[Measurement], folder: Path
+) -> dict[str, Any]:
+    """Write summary.json, report.md, report.html and figures/; return the summary."""
+    labels = {name: config.variants[name].label or name for name in config.methods}
+    summary: dict[str, Any] = {
+        "about": _about(config),
+        "versions": run_versions(),
+        "comparison": _ratios(config, measured, labels),
+        "rows": summarise(measured),
+        "exponents": exponents(measured),
+    }
+    tables = []
+    for family in config.speed.families:
+        seen = [found for found in measured if found.family == family]
+        tables += [_times_table(family, seen, labels), _stages_table(family, seen)]
+        if config.speed.memory:
+            tables.append(_memory_table(family, seen, labels))
+    caption = (
+        "Median time against points per scan, both logarithmic; the exponent is the slope of the "
+        f"fitted line. Dashed: {PAPER_MAP_S:.1f} s for voxels and map in the paper."
+    )
+    figures = [ReportFigure("times", caption, draw_times(config, measured, labels))]
+    pictures = write_figures(figures, folder / "figures")
+    text = json.dumps(summary, indent=1, allow_nan=False)
+    (folder / "summary.json").write_text(text, encoding="utf-8")
+    (folder / "report.md").write_text(markdown(summary, tables, figures), encoding="utf-8")
+    page = html_page(summary, tables, figures, pictures)
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    _write_scores(summary["rows"], folder / "scores.csv")
+    with open_dashboard(folder / "tensorboard") as writer:
+        for row in summary["rows"]:
+            tag = f"time_s against beams, {row['family']}/{row['method']}"
+            log_scalars(writer, {tag: row["time_s"]}, row["beams"])
+        log_png(writer, "figures/times", pictures["times"])
+    return summary
+
+
+def _write_scores(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """One line per family, size and method, without the stages."""
+    columns = [name for name in rows[0] if name != "stages_s"]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def summarise(measured: Sequence[Measurement]) -> list[dict[str, Any]]:
+    """One entry per family, size and method: medians over the pairs, successes among them."""
+    rows = []
+    for family, beams, method in dict.fromkeys((m.family, m.beams, m.method) for m in measured):
+        same = [m for m in measured if (m.family, m.beams, m.method) == (family, beams, method)]
+        extra = [m.extra_bytes for m in same if m.extra_bytes is not None]
+        stages = dict.fromkeys(stage for m in same for stage in m.stages_s)
+        rows.append(
+            {
+                "family": family,
+                "beams": beams,
+                "method": method,
+                "pairs": len(same),
+                "successes": sum(m.is_right for m in same),
+                "points_per_scan": _median(m.points / 2 for m in same),
+                "time_s": _median(m.time_s for m in same),
+                "stages_s": {s: _median(m.stages_s.get(s, 0.0) for m in same) for s in stages},
+                "input_bytes": same[0].input_bytes,
+                "extra_bytes": extra[0] if extra else None,
+            }
+        )
+    return rows
+
+
+def exponents(measured: Sequence[Measurement]) -> dict[str, dict[str, float]]:
+    """Of each family and method: b of the fit time = a * points^b over all sizes (two or more)."""
+    found: dict[str, dict[str, float]] = {}
+    rows = summarise(measured)
+    for family, method in dict.fromkeys((row["family"], row["method"]) for row in rows):
+        same = [row for row in rows if (row["family"], row["method"]) == (family, method)]
+        if len(same) > 1:
+            points, time_s = (np.log([row[key] for row in same]) for key in _AXES)
+            found.setdefault(family, {})[method] = float(np.polyfit(points, time_s, 1)[0])
+    return found
+
+
+_AXES = ("points_per_scan", "time_s")
+
+
+def draw_times(
+    config: EvaluateConfig, measured: Sequence[Measurement], labels: dict[str, str]
+) -> Figure:
+    """A log-log plot per family, every method a line with its exponent."""
+    from matplotlib.figure import Figure
+
+    families = config.speed.families
+    figure = Figure(figsize=(5.2 * len(families) + 1, 4.6), layout="constrained")
+    rows, slopes = summarise(measured), exponents(measured)
+    for place, family in enumerate(families):
+        axes = figure.add_subplot(1, len(families), place + 1)
+        for index, (method, label) in enumerate(labels.items()):
+            same = [row for row in rows if (row["family"], row["method"]) == (family, method)]
+            slope = slopes.get(family, {}).get(method)
+            name = label if slope is None else f"{label}, exponent {slope:.2f}"
+            points, time_s = ([row[key] for row in same] for key in _AXES)
+            axes.loglog(points, time_s, "o-", color=scan_colour(index), label=name)
+        axes.axhline(PAPER_MAP_S, color="0.4", linestyle="--", linewidth=1)
+        axes.set(title=family, xlabel="points per scan", ylabel="time (s)")
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, fontsize="small")
+    return figure
+
+
+def _about(config: EvaluateConfig) -> dict[str, str]:
+    return {
+        "benchmark": config.benchmark,
+        "methods": ", ".join(config.methods),
+        "scans": f"{', '.join(config.speed.families)}; beams {_listed(config.speed.beams)}",
+        "pairs": f"{config.pairs} of each size, scenes from seed {config.seed}",
+        "limits": ", ".join(f"{m}: {b:,} beams" for m, b in config.speed.most_beams.items())
+        or "none",
+    }
+
+
+def _ratios(
+    config: EvaluateConfig, measured: Sequence[Measurement], labels: dict[str, str]
+) -> list[str]:
+    """How the first method compares with each other one at the largest size both met."""
+    rows, first = summarise(measured), config.methods[0]
+    sentences = []
+    for family in config.speed.families:
+        of = {(r["method"], r["beams"]): r for r in rows if r["family"] == family}
+        for name in config.methods[1:]:
+            both = [b for b in config.speed.beams if (first, b) in of and (name, b) in of]
+            if both:
+                ours, theirs = of[first, both[-1]], of[name, both[-1]]
+                times = number(theirs["time_s"] / ours["time_s"])
+                size = f"{both[-1]:,} beams, {family}"
+                sentences.append(f"{size}: {labels[name]} takes {times} times as long as {first}.")
+    return sentences
+
+
+def _times_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
+    def cell(row: dict[str, Any]) -> str:
+        """Time and successes of one method at one size."""
+        return f"{number(row['time_s'])} ({row['successes']}/{row['pairs']})"
+
+    note = "Median seconds, and how many poses are right. – : above the method's limit of beams."
+    return _by_size(f"Time, {family}", seen, labels, cell, note)
+
+
+def _memory_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
+    def cell(row: dict[str, Any]) -> str:
+        """Extra memory of one method at one size, beside the input's."""
+        extra = row["extra_bytes"]
+        if extra is None:
+            return NOTHING
+        return f"{extra / 1e6:.0f} MB ({number(extra / row['input_bytes'])} x input)"
+
+    note = "Peak of resident memory beyond the two scans, each time in a process of its own."
+    return _by_size(f"Peak memory, {family}", seen, labels, cell, note)
+
+
+def _by_size(
+    title: str,
+    seen: Sequence[Measurement],
+    labels: dict[str, str],
+    cell: Callable[[dict[str, Any]], str],
+    note: str,
+) -> Table:
+    """A line per method, a column per size."""
+    of = {(row["method"], row["beams"]): cell(row) for row in summarise(seen)}
+    sizes = sorted({beams for _, beams in of})
+    lines = tuple(
+        (label, *(of.get((name, beams), NOTHING) for beams in sizes))
+        for name, label in labels.items()
+    )
+    return Table(title, ("beams per scan", *(f"{beams:,}" for beams in sizes)), lines, note)
+
+
+def _stages_table(family: str, seen: Sequence[Measurement]) -> Table:
+    """The first method's own stages at every size."""
+    rows = [row for row in summarise(seen) if row["method"] == seen[0].method]
+    stages = dict.fromkeys(stage for row in rows for stage in row["stages_s"])
+    lines = tuple(
+        (stage, *(number(row["stages_s"].get(stage, 0.0)) for row in rows)) for stage in stages
+    )
+    headers = ("stage (s)", *(f"{row['beams']:,}" for row in rows))
+    return Table(f"Stages of {seen[0].method}, {family}", headers, lines)
+
+
+def _median(values: Any) -> float:
+    return float(np.median(list(values)))
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(f"{value:,}" for value in numbers)

@@ -1,0 +1,100 @@
+"""benchmark=speed: what it measures, and what its report says of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+from skipnet.benchmark.methods import Estimate
+from skipnet.benchmark.speed import Measurement, measure, peak_bytes, run_speed
+from skipnet.benchmark.speed_report import exponents, summarise
+from skipnet.config import EvaluateConfig, SpeedConfig
+from skipnet.simulation.pairs import simulate_pair
+
+SIZES = [2000, 4000]
+
+
+def measurement(beams, time_s, method="skipnet", **fields):
+    return Measurement("paper_room", beams, method, 0, 2 * beams, time_s, True, **fields)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return simulate_pair("paper_room", 1, points=20_000).pair
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 1.7])
+def test_the_exponent_is_that_of_the_law_the_times_follow(power):
+    measured = [measurement(n, 3e-6 * n**power) for n in (1000, 10_000, 50_000)]
+    measured += [measurement(n, 1.0, "other") for n in (1000, 10_000)] + [measurement(9, 1, "once")]
+    found = exponents(measured)["paper_room"]
+    assert found == {"skipnet": pytest.approx(power), "other": pytest.approx(0.0, abs=1e-12)}
+
+
+def test_medians_are_over_the_pairs_of_one_size_and_method():
+    measured = [measurement(10, t, stages_s={"map": t / 2}) for t in (1.0, 5.0, 2.0)]
+    measured.append(measurement(10, 7.0, "other", extra_bytes=30, input_bytes=10))
+    ours, other = summarise(measured)
+    assert (ours["time_s"], ours["stages_s"], ours["pairs"]) == (2.0, {"map": 1.0}, 3)
+    assert (other["time_s"], other["extra_bytes"], ours["extra_bytes"]) == (7.0, 30, None)
+
+
+def test_only_a_pose_within_the_thresholds_is_right_and_an_error_is_wrong(pair):
+    off = pair.T_target_source.copy()
+    off[0, 3] += 2 * pair.success_translation_m
+    about = measurement(20_000, 0.0)
+    assert measure(lambda task: Estimate(pair.T_target_source, {}), pair, about).is_right
+    assert not measure(lambda task: Estimate(off, {}), pair, about).is_right
+
+    def fail(task):
+        raise RuntimeError("out of luck")
+
+    found = measure(fail, pair, about)
+    assert (found.is_right, found.error) == (False, "RuntimeError: out of luck")
+
+
+def test_peak_memory_counts_what_a_method_takes_beyond_its_input(pair):
+    # ICP holds both clouds once more, in float64, and a search tree over one.
+    large = simulate_pair("paper_room", 1, points=300_000).pair
+    extra = peak_bytes(("icp", {"max_iterations": 1}), large, pair)
+    assert extra is not None and extra > large.source_m.nbytes + large.target_m.nbytes
+
+
+def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path):
+    config = EvaluateConfig(
+        benchmark="speed",
+        pairs=2,
+        methods=["skipnet", "icp"],
+        speed=SpeedConfig(["paper_room"], SIZES, most_beams={"icp": SIZES[0]}, memory=False),
+        output_dir=str(tmp_path / "run"),
+    )
+    summary = run_speed(config, io.StringIO())
+    run = tmp_path / "run"
+    assert {(row["method"], row["beams"]) for row in summary["rows"]} == {
+        ("skipnet", SIZES[0]),
+        ("skipnet", SIZES[1]),
+        ("icp", SIZES[0]),
+    }
+    lines = [json.loads(line) for line in (run / "measurements.jsonl").read_text().splitlines()]
+    order = [(line["seed"], line["method"]) for line in lines if line["beams"] == SIZES[0]]
+    assert order == [(0, "skipnet"), (0, "icp"), (1, "icp"), (1, "skipnet")]
+    assert all(line["points"] > 0.5 * line["beams"] for line in lines)
+    report = (run / "report.md").read_text()
+    assert "exponent" in report and "ICP directly takes" in report and "| skip-map |" in report
+    assert (run / "figures" / "times.png").read_bytes().startswith(b"\x89PNG")
+    with open(run / "scores.csv", encoding="utf-8") as file:
+        assert len(list(csv.DictReader(file))) == 3
+    assert {"config.yaml", "summary.json", "report.html", "tensorboard"} <= {
+        path.name for path in run.iterdir()
+    }
+
+
+@pytest.mark.parametrize("beams", [[], [0, 5], [20, 10]])
+def test_sizes_must_ascend(beams):
+    with pytest.raises(ValueError, match="speed.beams"):
+        SpeedConfig(beams=beams)
+    assert np.all(np.diff(SpeedConfig().beams) > 0)
