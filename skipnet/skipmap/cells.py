@@ -62,6 +62,16 @@ def unpack(keys: IntArray) -> IntArray:
     return np.stack(axes, axis=-1) - _OFFSET
 
 
+def distinct_keys(keys: IntArray) -> IntArray:
+    """The distinct ones of some keys, ascending; a sort is faster here than ``np.unique``'s hash.
+
+    >>> distinct_keys(np.array([5, 3, 5, 4]))
+    array([3, 4, 5])
+    """
+    keys = np.sort(keys)
+    return keys[np.concatenate([[True], keys[1:] != keys[:-1]])[: len(keys)]]
+
+
 @dataclass(frozen=True)
 class _Box:
     """A block of cells, numbered by x, then y, then z: numbers sort as packed keys do."""

@@ -7,7 +7,14 @@ from functools import reduce
 import numpy as np
 
 from skipnet.geometry import columns, invert, make_transform, principal_frame, transform_points
-from skipnet.skipmap.cells import CELL_MAX, POINTS_AT_ONCE, group_by_cell, pack, unpack
+from skipnet.skipmap.cells import (
+    CELL_MAX,
+    POINTS_AT_ONCE,
+    distinct_keys,
+    group_by_cell,
+    pack,
+    unpack,
+)
 from skipnet.types import FloatArray, IntArray
 
 TARGET_VOXELS = 10_000
@@ -47,7 +54,7 @@ def _size_for_one(points_m: FloatArray) -> float:
     cells -= cells.min(axis=0)  # halved often enough, they all meet in cell 0
     counts = [len(cells)]
     while counts[-1] > max(goal, 1):
-        cells = unpack(np.unique(pack(cells >> 1)))
+        cells = unpack(distinct_keys(pack(cells >> 1)))
         counts.append(len(cells))
     if len(counts) == 1:
         # A finer size serves: the number of voxels on surfaces grows with 1 / size^2.
@@ -89,4 +96,4 @@ def _occupied_keys(
         group_by_cell(xyz_m, voxel_size_m)[0]
         for xyz_m in columns(points_m, T_middle_points, POINTS_AT_ONCE)
     )
-    return reduce(np.union1d, chunks)
+    return reduce(lambda seen, new: distinct_keys(np.concatenate([seen, new])), chunks)
