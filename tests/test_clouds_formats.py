@@ -10,7 +10,13 @@ import pytest
 
 from skipnet.clouds import formats
 from skipnet.clouds.atomic import replacing
-from skipnet.clouds.formats import SUPPORTED, read_points, write_ply
+from skipnet.clouds.formats import (
+    SUPPORTED,
+    read_chunks,
+    read_points,
+    write_ply,
+    write_ply_chunks,
+)
 
 
 @pytest.fixture
@@ -87,6 +93,25 @@ def test_reads_numpy(tmp_path, points):
     np.testing.assert_allclose(read_points(tmp_path / "a.npy"), points, atol=1e-6)
     for name in ("one.npz", "many.npz"):
         np.testing.assert_array_equal(read_points(tmp_path / name), points)
+
+
+@pytest.mark.parametrize("extension", ["ply", "las", "laz"])
+def test_large_files_are_read_and_written_in_chunks(tmp_path, points, extension, monkeypatch):
+    for module in ("ply", "formats"):
+        monkeypatch.setattr(f"skipnet.clouds.{module}.RECORDS_AT_ONCE", 7)
+    path = tmp_path / f"scan.{extension}"
+    if extension == "ply":
+        write_ply_chunks(path, np.array_split(points, 3))
+    else:
+        laspy = pytest.importorskip("laspy")
+        cloud = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+        cloud.header.scales = [1e-6] * 3
+        cloud.x, cloud.y, cloud.z = points.T
+        cloud.write(str(path))
+    chunks = list(read_chunks(path))
+    assert {len(chunk) for chunk in chunks[:-1]} == {7} and len(chunks) > 2
+    np.testing.assert_allclose(np.concatenate(chunks), points, atol=1e-6)
+    np.testing.assert_array_equal(read_points(path), np.concatenate(chunks))
 
 
 @pytest.mark.parametrize("extension", ["las", "laz"])

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from skipnet.clouds.pcd import read_pcd
-from skipnet.clouds.ply import read_ply, write_ply
+from skipnet.clouds.ply import RECORDS_AT_ONCE, read_ply, write_ply, write_ply_chunks
 from skipnet.types import FloatArray
 
-__all__ = ["SUPPORTED", "read_points", "write_ply"]
+__all__ = ["SUPPORTED", "read_chunks", "read_points", "write_ply", "write_ply_chunks"]
 
 
 def read_points(path: str | os.PathLike[str]) -> FloatArray:
@@ -32,6 +32,19 @@ def read_points(path: str | os.PathLike[str]) -> FloatArray:
         ModuleNotFoundError: the format needs an optional package; the message holds
             the pip command.
     """
+    chunks = list(read_chunks(path))
+    return chunks[0] if len(chunks) == 1 else np.concatenate(chunks)
+
+
+def read_chunks(path: str | os.PathLike[str]) -> Iterator[FloatArray]:
+    """As ``read_points``, a million points at a time where the format allows it.
+
+    Binary PLY, LAS and LAZ do; other files come in one piece. Errors in a file's middle are raised
+    when the reading gets there.
+
+    Yields:
+        (n, 3) float64 points, n >= 1.
+    """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
@@ -45,10 +58,23 @@ def read_points(path: str | os.PathLike[str]) -> FloatArray:
         )
     if path.stat().st_size == 0:
         raise ValueError(f"{path}: the file is empty")
-    points = reader(path)
-    if len(points) == 0:
+    is_empty = True
+    for points in reader(path):
+        if len(points):
+            is_empty = False
+            yield points
+    if is_empty:
         raise ValueError(f"{path}: holds no points")
-    return points
+
+
+def _whole(read: Callable[[Path], FloatArray]) -> Callable[[Path], Iterator[FloatArray]]:
+    """A reader of chunks from a reader of whole files."""
+
+    def read_in_one_piece(path: Path) -> Iterator[FloatArray]:
+        """The whole file as the only chunk."""
+        yield read(path)
+
+    return read_in_one_piece
 
 
 def _read_text(path: Path) -> FloatArray:
@@ -122,21 +148,26 @@ def _single_array(archive: np.lib.npyio.NpzFile, path: Path) -> np.ndarray:
     return archive[name]
 
 
-def _read_las(path: Path) -> FloatArray:
+def _read_las(path: Path) -> Iterator[FloatArray]:
     try:
         import laspy
     except ModuleNotFoundError as error:
         raise _missing_package(path, "laspy") from error
+    present = 0
     try:
         with laspy.open(path) as file:
-            announced, cloud = file.header.point_count, file.read()
+            announced = file.header.point_count
+            for cloud in file.chunk_iterator(RECORDS_AT_ONCE):
+                present += len(cloud)
+                # Scaled by hand: the chunk's own x, y, z would make three more copies.
+                raw = np.stack([cloud.X, cloud.Y, cloud.Z], axis=1)
+                yield raw * file.header.scales + file.header.offsets
     except Exception as error:  # laspy and its decompressors raise many kinds for a damaged file
         raise ValueError(f"{path}: truncated or not a LAS/LAZ file: {error}") from error
-    if len(cloud) != announced:
+    if present != announced:
         raise ValueError(
-            f"{path}: truncated: its header announces {announced} points, it holds {len(cloud)}"
+            f"{path}: truncated: its header announces {announced} points, it holds {present}"
         )
-    return np.asarray(cloud.xyz, dtype=np.float64)
 
 
 def _read_e57(path: Path) -> FloatArray:
@@ -162,13 +193,13 @@ def _missing_package(path: Path, package: str) -> ModuleNotFoundError:
     )
 
 
-_READERS: dict[str, Callable[[Path], FloatArray]] = {
+_READERS: dict[str, Callable[[Path], Iterator[FloatArray]]] = {
     ".ply": read_ply,
-    ".pcd": read_pcd,
-    **dict.fromkeys((".xyz", ".txt", ".csv"), _read_text),
-    **dict.fromkeys((".npy", ".npz"), _read_numpy),
+    ".pcd": _whole(read_pcd),
+    **dict.fromkeys((".xyz", ".txt", ".csv"), _whole(_read_text)),
+    **dict.fromkeys((".npy", ".npz"), _whole(_read_numpy)),
     **dict.fromkeys((".las", ".laz"), _read_las),
-    ".e57": _read_e57,
+    ".e57": _whole(_read_e57),
 }
 SUPPORTED = tuple(_READERS)
 """Every extension that ``read_points`` knows."""

@@ -1,13 +1,14 @@
 """PLY, ascii and binary, read straight into NumPy.
 
 The reader is our own because the others do not fit: Open3D takes over a second to import and
-reads a truncated file without an error, plyfile is GPL. A PLY body is a table of records, one
+reads a truncated file without an error, plyfile is GPL. A PLY body is a table of records, read by
 ``np.frombuffer``.
 Format: G. Turk, "The PLY polygon file format", 1994.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -29,6 +30,9 @@ _TYPES = {
 }
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER_LINES = 1000
+_COLORS = ("red", "green", "blue")
+RECORDS_AT_ONCE = 1 << 20
+"""Records read or written in one go."""
 
 
 @dataclass
@@ -41,15 +45,15 @@ class _Element:
     has_list: bool = False
 
 
-def read_ply(path: Path) -> FloatArray:
-    """The vertices of a PLY file.
+def read_ply(path: Path) -> Iterator[FloatArray]:
+    """The vertices of a PLY file, chunk by chunk.
 
     Args:
         path: of an ascii, little-endian or big-endian PLY file. Other columns and elements
             are skipped.
 
-    Returns:
-        (N, 3) float64 points.
+    Yields:
+        (n, 3) float64 points; an ascii file's all at once.
 
     Raises:
         ValueError: it is not a PLY file, has no vertices, or ends before its last vertex.
@@ -61,14 +65,16 @@ def read_ply(path: Path) -> FloatArray:
             if element.has_list:
                 raise ValueError(f"{path}: lists before or in the vertices are not supported")
             dtype = np.dtype([(name, order + kind) for name, kind in element.columns])
-            is_ascii = format_name == "ascii"
-            table = (
-                _read_ascii(file, element, path)
-                if is_ascii
-                else _read_binary(file, element, dtype, path)
-            )
             if element.name == "vertex":
-                return table
+                if format_name == "ascii":
+                    yield _read_ascii(file, element, path)
+                else:
+                    yield from _read_binary(file, element, dtype, path)
+                return
+            if format_name == "ascii":
+                _read_ascii(file, element, path)
+            else:
+                file.seek(element.count * dtype.itemsize, 1)
     raise ValueError(f"{path}: has no vertices: expected a PLY file with an element 'vertex'")
 
 
@@ -114,18 +120,20 @@ def _xyz_columns(element: _Element, path: Path) -> list[int]:
     return [names.index(axis) for axis in "xyz"] if element.name == "vertex" else []
 
 
-def _read_binary(file: BinaryIO, element: _Element, dtype: np.dtype, path: Path) -> FloatArray:
-    columns = _xyz_columns(element, path)
-    body = file.read(element.count * dtype.itemsize)
-    if len(body) < element.count * dtype.itemsize:
-        raise _truncated(path, len(body) // dtype.itemsize, element)
-    table = np.frombuffer(body, dtype)
-    names = [element.columns[column][0] for column in columns]
-    return (
-        np.stack([table[name] for name in names], axis=1).astype(np.float64)
-        if names
-        else np.empty((0, 3))
-    )
+def _read_binary(
+    file: BinaryIO, element: _Element, dtype: np.dtype, path: Path
+) -> Iterator[FloatArray]:
+    names = [element.columns[column][0] for column in _xyz_columns(element, path)]
+    for start in range(0, element.count, RECORDS_AT_ONCE):
+        wanted = min(RECORDS_AT_ONCE, element.count - start)
+        body = file.read(wanted * dtype.itemsize)
+        if len(body) < wanted * dtype.itemsize:
+            raise _truncated(path, start + len(body) // dtype.itemsize, element)
+        table = np.frombuffer(body, dtype)
+        points = np.empty((wanted, 3))
+        for axis, name in enumerate(names):
+            points[:, axis] = table[name]
+        yield points
 
 
 def _read_ascii(file: BinaryIO, element: _Element, path: Path) -> FloatArray:
@@ -156,17 +164,48 @@ def write_ply(path: Path | str, points: FloatArray, colors: IntArray | None = No
         points: (N, 3) points, written as float64: surveyed coordinates run into millions of metres.
         colors: (N, 3) red, green, blue in 0..255, or None.
     """
-    columns = [(axis, "<f8") for axis in "xyz"]
-    columns += [(name, "u1") for name in ("red", "green", "blue")] if colors is not None else []
-    table = np.empty(len(points), dtype=columns)
+    starts = range(0, len(points), RECORDS_AT_ONCE)
+    pieces = [slice(start, start + RECORDS_AT_ONCE) for start in starts]
+    points, colors = np.asarray(points), None if colors is None else np.asarray(colors)
+    tables = (
+        _vertices(points[piece], None if colors is None else colors[piece]) for piece in pieces
+    )
+    _write_tables(path, tables, colors is not None)
+
+
+def write_ply_chunks(path: Path | str, chunks: Iterable[FloatArray]) -> None:
+    """As ``write_ply``, for (n, 3) chunks of points that are never in memory all at once."""
+    _write_tables(path, (_vertices(chunk, None) for chunk in chunks), False)
+
+
+def _vertices(points: FloatArray, colors: IntArray | None) -> np.ndarray:
+    """Records as they stand in the file."""
+    table = np.empty(len(points), dtype=_columns(colors is not None))
     for index, axis in enumerate("xyz"):
-        table[axis] = np.asarray(points)[:, index]
-    for index, name in enumerate(("red", "green", "blue") if colors is not None else ()):
-        table[name] = np.asarray(colors)[:, index]
-    kinds = {"<f8": "double", "u1": "uchar"}
-    properties = "".join(f"property {kinds[kind]} {name}\n" for name, kind in columns)
-    vertices = f"element vertex {len(points)}\n{properties}"
-    header = f"ply\nformat binary_little_endian 1.0\n{vertices}end_header\n"
+        table[axis] = points[:, index]
+    for index, name in enumerate(_COLORS if colors is not None else ()):
+        table[name] = colors[:, index]  # type: ignore[index]
+    return table
+
+
+def _columns(coloured: bool) -> list[tuple[str, str]]:
+    return [(axis, "<f8") for axis in "xyz"] + [(name, "u1") for name in _COLORS if coloured]
+
+
+def _write_tables(path: Path | str, tables: Iterable[np.ndarray], coloured: bool) -> None:
+    count = 0
     with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.write(header.encode("ascii"))
-        table.tofile(file)
+        file.write(_header(count, coloured))
+        for table in tables:
+            table.tofile(file)
+            count += len(table)
+        file.seek(0)
+        file.write(_header(count, coloured))
+
+
+def _header(count: int, coloured: bool) -> bytes:
+    """The head of a file of ``count`` vertices; always of one length, so it can be written anew."""
+    kinds = {"<f8": "double", "u1": "uchar"}
+    properties = "".join(f"property {kinds[kind]} {name}\n" for name, kind in _columns(coloured))
+    vertices = f"element vertex {count:<12}\n{properties}"
+    return f"ply\nformat binary_little_endian 1.0\n{vertices}end_header\n".encode("ascii")

@@ -15,11 +15,12 @@ import numpy as np
 
 from skipnet.clouds.atomic import write_bytes, write_text
 from skipnet.clouds.cleaning import validate
-from skipnet.clouds.formats import read_points, write_ply
+from skipnet.clouds.formats import read_chunks, read_points, write_ply, write_ply_chunks
 from skipnet.config import RegistrationConfig
 from skipnet.geometry import pose_error, transform_points
 from skipnet.registration import report
 from skipnet.registration.scans import Viewpoint
+from skipnet.skipmap.streaming import thin_chunks
 from skipnet.types import FloatArray, Pair, Registration
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 PAIR_OUTPUTS = ("result.json", "aligned.ply", "before_after.png", "report.html")
 SCANS_OUTPUTS = ("poses.json", "merged.ply", "scans.png", "report.html")
 SIMULATED_FAMILY = "paper_room"
+LARGE_FILE_BYTES = 1 << 28
+"""Larger files are thinned while they are read, and are never in memory as a whole."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def register_scan_files(
 def _read_inputs(
     paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]
 ) -> list[FloatArray]:
-    clouds_m = [validate(read_points(path), str(path)) for path in paths]
+    clouds_m = [validate(_read(path), str(path)) for path in paths]
     written = {(output_dir / name).resolve() for name in outputs}
     for path in paths:
         if path.resolve() in written:
@@ -123,6 +126,15 @@ def _read_inputs(
             )
     output_dir.mkdir(parents=True, exist_ok=True)
     return clouds_m
+
+
+def _is_large(path: str | Path) -> bool:
+    return Path(path).is_file() and Path(path).stat().st_size > LARGE_FILE_BYTES
+
+
+def _read(path: Path) -> FloatArray:
+    """All points of a file, or of a large one what is left of it after thinning."""
+    return thin_chunks(read_chunks(path), str(path)) if _is_large(path) else read_points(path)
 
 
 def _register(source_m: FloatArray, target_m: FloatArray, choices: Choices) -> Registration:
@@ -151,10 +163,14 @@ def _write_pair(
 
     png = png_bytes(draw_before_after(source_m, target_m, result.T_target_source))
     described = {
-        "source": f"{inputs['source']}: {len(source_m):,} points",
-        "target": f"{inputs['target']}: {len(target_m):,} points",
+        name: f"{inputs[name]}: {len(points_m):,} points"
+        + (" left after thinning" if _is_large(inputs[name]) else "")
+        for name, points_m in (("source", source_m), ("target", target_m))
     }
-    write_ply(output_dir / "aligned.ply", transform_points(result.T_target_source, source_m))
+    # A large file is read again, so that every point of it is in the result.
+    chunks = read_chunks(inputs["source"]) if _is_large(inputs["source"]) else [source_m]
+    aligned_m = (transform_points(result.T_target_source, chunk_m) for chunk_m in chunks)
+    write_ply_chunks(output_dir / "aligned.ply", aligned_m)
     write_bytes(output_dir / "before_after.png", png)
     write_text(output_dir / "report.html", report.pair_page(result, described, png, seed))
     write_text(output_dir / "result.json", report.result_json(result, inputs, seed))

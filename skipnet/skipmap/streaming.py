@@ -1,0 +1,75 @@
+"""Scans larger than comfortable: thinned voxel by voxel while they are read.
+
+Whatever the file's size, no more is held than some chunks and the voxels found so far. Moments add
+up, so merging chunks and doubling the voxels loses nothing but the points' places within a voxel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import reduce
+
+import numpy as np
+
+from skipnet.geometry import bounds
+from skipnet.skipmap.cells import CELL_MAX
+from skipnet.skipmap.tree import SkipTree, build_tree
+from skipnet.types import FloatArray
+
+MOST_VOXELS = 1 << 20
+"""Voxels that stay: a hundred for each one of a registration's Skip-map."""
+FINEST_VOXEL_M = 2.0**-10
+"""Where thinning starts: nearer than a scanner's noise, and without rounding when it is doubled."""
+
+
+def thin_chunks(
+    chunks: Iterable[FloatArray],
+    name: str,
+    most_voxels: int = MOST_VOXELS,
+    finest_m: float = FINEST_VOXEL_M,
+) -> FloatArray:
+    """Thin a scan to the centroids of its voxels, which double until they are few enough.
+
+    Args:
+        chunks: (n, 3) finite points each, at least one chunk.
+        name: what to call the scan in the errors.
+        most_voxels: centroids to keep at most.
+        finest_m: edge of the voxels to start with.
+
+    Returns:
+        (V, 3) centroids, V <= ``most_voxels``.
+
+    Raises:
+        ValueError: a point is NaN or infinite, or there is no chunk.
+    """
+    pending: list[SkipTree] = []
+    level = 0
+    origin_m = None
+    for chunk_m in chunks:
+        if not np.isfinite(chunk_m).all():
+            raise ValueError(f"{name}: holds NaN or infinite coordinates: drop those points")
+        low_m, high_m = bounds(chunk_m)
+        origin_m = np.round(0.5 * (low_m + high_m)) if origin_m is None else origin_m
+        reach_m = np.abs([low_m - origin_m, high_m - origin_m]).max()
+        level = max(level, int(np.ceil(np.log2(max(reach_m / (finest_m * CELL_MAX), 1)))))
+        pending.append(build_tree(chunk_m, finest_m * 2**level, origin_m))
+        if sum(map(len, pending)) > 2 * most_voxels:
+            pending, level = _merge(pending, most_voxels, finest_m, level)
+    if not pending:
+        raise ValueError(f"{name}: holds no points")
+    pending, _ = _merge(pending, most_voxels, finest_m, level)
+    return pending[0].centroids_m
+
+
+def _merge(
+    trees: list[SkipTree], most_voxels: int, finest_m: float, level: int
+) -> tuple[list[SkipTree], int]:
+    """One tree of all, at ``level`` or as much coarser as it takes; and its level."""
+    own_levels = [round(np.log2(tree.voxel_size_m / finest_m)) for tree in trees]
+    merged = reduce(
+        SkipTree.add,
+        (tree.coarser(level - own) for tree, own in zip(trees, own_levels, strict=True)),
+    )
+    while len(merged) > most_voxels:
+        merged, level = merged.coarser(), level + 1
+    return [merged], level

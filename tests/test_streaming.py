@@ -1,0 +1,66 @@
+"""Thinning while reading: against one Skip-map of all the points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skipnet.clouds.formats import read_points, write_ply
+from skipnet.geometry import pose_error, transform_points
+from skipnet.registration import files
+from skipnet.simulation.pairs import simulate_pair
+from skipnet.skipmap.streaming import thin_chunks
+from skipnet.skipmap.tree import build_tree
+
+FINEST_M = 2.0**-6
+
+
+@pytest.fixture(scope="module")
+def points_m():
+    rng = np.random.default_rng(0)
+    return rng.uniform(size=(30_000, 3)) * [20.0, 10.0, 0.1] + [4e5, 5e6, 100.0]
+
+
+@pytest.mark.parametrize("chunks", [1, 7])
+@pytest.mark.parametrize("most", [100, 3000, 100_000])
+def test_centroids_are_those_of_the_finest_voxels_few_enough(points_m, chunks, most):
+    pieces = np.array_split(points_m, chunks)
+    first_m = pieces[0]
+    origin_m = np.round(0.5 * (first_m.min(axis=0) + first_m.max(axis=0)))
+    level = 0
+    while len(expected := build_tree(points_m, FINEST_M * 2**level, origin_m)) > most:
+        level += 1
+    thinned_m = thin_chunks(pieces, "scan", most, FINEST_M)
+    np.testing.assert_allclose(thinned_m, expected.centroids_m, atol=1e-7)
+
+
+def test_scans_too_wide_for_the_finest_voxels_get_coarser_ones(points_m):
+    far_m = np.array([[9e6, 5e6, 0.0], [-9e6, 4e6, 0.0]])
+    thinned_m = thin_chunks([points_m, far_m], "scan", 1000, FINEST_M)
+    assert 1 < len(thinned_m) <= 1000
+    assert np.abs(thinned_m - far_m[0]).sum(axis=1).min() < 1.0
+
+
+def test_what_cannot_be_thinned_is_refused(points_m):
+    with pytest.raises(ValueError, match="a.ply: holds no points"):
+        thin_chunks([], "a.ply")
+    for bad in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="a.ply: holds NaN or infinite"):
+            thin_chunks([points_m[:5], np.full((2, 3), bad)], "a.ply")
+
+
+def test_a_large_file_is_thinned_to_register_and_written_whole(tmp_path, monkeypatch):
+    pair = simulate_pair("paper_room", 1, points=40_000).pair
+    paths = [tmp_path / "a.ply", tmp_path / "b.ply"]
+    for path, points_m in zip(paths, (pair.source_m, pair.target_m), strict=True):
+        write_ply(path, points_m)
+    monkeypatch.setattr(files, "LARGE_FILE_BYTES", 1000)
+    monkeypatch.setattr(files, "read_points", None)  # reads files as a whole
+    monkeypatch.setattr("skipnet.skipmap.streaming.thin_chunks.__defaults__", (20_000, 2.0**-10))
+    result = files.register_pair_files(*paths, tmp_path / "out", files.Choices())
+    rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
+    assert rotation_rad < pair.success_rotation_rad and translation_m < pair.success_translation_m
+    aligned_m = read_points(tmp_path / "out" / "aligned.ply")
+    expected_m = transform_points(result.T_target_source, pair.source_m)
+    np.testing.assert_allclose(aligned_m, expected_m, atol=1e-9)
+    assert "left after thinning" in (tmp_path / "out" / "report.html").read_text()
