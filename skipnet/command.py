@@ -10,10 +10,12 @@ from __future__ import annotations
 import difflib
 import os
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from string import Template
 from typing import Any, TypeVar, get_type_hints
 
 Config = TypeVar("Config")
@@ -60,7 +62,10 @@ def run(
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        check_overrides(arguments, schema, config_dir)
+        flags = check_overrides(arguments, schema, config_dir)
+        if flags.help:
+            print(_help(name, schema, config_dir, flags.overrides))
+            return EXIT_OK
         return _run_hydra(name, schema, task, config_dir, exit_code, arguments)
     except Exception as error:
         if not is_user_error(error) or os.environ.get(FULL_ERROR) == "1":
@@ -96,16 +101,20 @@ def one_line(error: BaseException) -> str:
     return message
 
 
-def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) -> None:
+def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) -> Namespace:
     """Raise a ValueError for the first override that names no option, with the nearest that exists.
 
     Hydra's own options (``hydra.*``, ``hydra/*``) and flags (``--help``) are left to Hydra.
+
+    Returns:
+        The arguments as Hydra's parser takes them apart: its flags, and the ``overrides``.
     """
     from hydra._internal.utils import get_args_parser
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
     parser = OverridesParser.create()
-    for argument in get_args_parser().parse_args(list(arguments)).overrides:
+    flags = get_args_parser().parse_args(list(arguments))
+    for argument in flags.overrides:
         if "=" not in argument and not argument.startswith("~"):
             raise ValueError(f"{argument!r} is not an override: write option=value")
         try:
@@ -125,6 +134,7 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
             raise ValueError(
                 f"{argument}: an option cannot be removed; leave it out, or give it a value"
             )
+    return flags
 
 
 def _check_key(key: str, schema: type, config_dir: Path) -> None:
@@ -160,6 +170,30 @@ def _options(schema: type, prefix: str = "") -> Iterator[tuple[str, str]]:
         else:
             is_open = kind is Any or getattr(kind, "__origin__", None) is dict
             yield prefix + field.name, "open" if is_open else "leaf"
+
+
+def _help(name: str, schema: type, config_dir: Path, overrides: Sequence[str]) -> str:
+    """What Hydra would answer to ``--help``, in half the time: it looks through its plugins first.
+
+    The template is ``hydra.help.template`` of the script's YAML file.
+    """
+    from hydra import compose, initialize_config_dir
+    from hydra.core.config_store import ConfigStore
+    from omegaconf import OmegaConf
+
+    ConfigStore.instance().store(name=f"{name}_schema", node=schema)
+    with initialize_config_dir(str(config_dir.resolve()), version_base="1.3"):
+        composed = compose(name, list(overrides), return_hydra_config=True)
+    own = OmegaConf.masked_copy(composed, [str(key) for key in composed if key != "hydra"])
+    groups = {
+        folder.name: ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
+        for folder in sorted(config_dir.iterdir())
+        if folder.is_dir()
+    }
+    return Template(composed.hydra.help.template).substitute(
+        APP_CONFIG_GROUPS="".join(f"{group}: {names}\n" for group, names in groups.items()),
+        CONFIG=OmegaConf.to_yaml(own),
+    )
 
 
 def _run_hydra(

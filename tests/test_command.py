@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 
 from skipnet import command
-from skipnet.config import require
+from skipnet.config import EvaluateConfig, RegisterConfig, TrainConfig, require
+
+CONFIGS = Path(__file__).parents[1] / "configs"
 
 
 class Colour(Enum):
@@ -195,3 +197,18 @@ def test_a_failing_sweep_exits_with_2(toy):
 def test_a_preset_that_does_not_exist_names_those_that_do(toy):
     assert "style=bald; choose from bold, plain\n" in toy("style=bald")[2]
     assert "style=bald; choose from bold, plain\n" in toy("--multirun", "style=plain,bald")[2]
+
+
+@pytest.mark.parametrize("name", ["register", "evaluate", "train"])
+def test_help_is_what_hydra_itself_answers(name, capsys):
+    schema = {"register": RegisterConfig, "evaluate": EvaluateConfig, "train": TrainConfig}[name]
+    arguments = ["seed=5", "--help"]
+
+    def task(config):
+        raise AssertionError("help runs nothing")
+
+    code = command.run(name, schema, task, CONFIGS, arguments=arguments)
+    ours = capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        command._run_hydra(name, schema, task, CONFIGS, lambda result: 0, arguments)
+    assert code == 0 and "seed: 5" in ours and ours == capsys.readouterr().out
