@@ -20,6 +20,8 @@ METHOD_COLOURS = (*SCAN_COLOURS, "#999933", "#882255", "#117733", "#88CCEE", "#A
 """One per method, in the order of the run: Okabe and Ito's, then some of Tol's."""
 MARKERS = "osD^vP*X<>hd"
 CONFIDENCE_BINS = 10
+MOST_WITH_BARS = 4
+"""Methods whose intervals can be told apart."""
 
 
 def draw_overlap(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
@@ -29,7 +31,7 @@ def draw_overlap(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
     for index, method in enumerate(methods):
         points = np.array(overlap_curve(final_rows(rows, method)))
         x = points[:, 0] + 0.006 * (index - (len(methods) - 1) / 2)
-        reach = np.abs(points[:, 2:].T - points[:, 1])
+        reach = np.abs(points[:, 2:].T - points[:, 1]) if len(methods) <= MOST_WITH_BARS else None
         colour = METHOD_COLOURS[index % len(METHOD_COLOURS)]
         axes.errorbar(
             x,
@@ -48,7 +50,7 @@ def draw_overlap(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
 
 
 def draw_points(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
-    """Time of each call against the points of both scans, both logarithmic."""
+    """Time of each call against the points of both scans."""
     figure, axes = new_figure(4.2)
     for index, method in enumerate(dict.fromkeys(row.method for row in rows)):
         final = final_rows(rows, method)
@@ -61,7 +63,9 @@ def draw_points(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
             points[~broke], total_s[~broke], s=16, marker=marker, color=colour, label=labels[method]
         )
         axes.scatter(points[broke], total_s[broke], s=20, marker="x", color=colour)
-    axes.set(xscale="log", yscale="log", xlabel="points of both scans", ylabel="time (s)")
+    many = [row.source_points + row.target_points for row in rows]
+    scale = "log" if max(many) > 3 * min(many) else "linear"
+    axes.set(xscale=scale, yscale="log", xlabel="points of both scans", ylabel="time (s)")
     legend_beside(axes)
     return figure
 

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 STAGE_COLOURS = {"map": "#56B4E9", "transform": "#E69F00", "fine": "#0072B2"}
 STAGE_NAMES = {"map": "voxels and map", "transform": "coarse transform", "fine": "fine match"}
+MOST_WITH_COARSE = 4
+"""With more methods, curves show their final poses only."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def draw_figures(
         ReportFigure("times", "Median time of each stage", draw_times(summary, labels)),
         ReportFigure(
             "overlap",
-            "Success by overlap, with 95 % intervals; bins as in the table",
+            "Success by overlap, in the bins of the table; bars: 95 % intervals, for few methods",
             draw_overlap(rows, labels),
         ),
         ReportFigure(
@@ -174,13 +176,13 @@ def draw_times(summary: Sequence[dict[str, Any]], labels: dict[str, str]) -> Fig
 
 def median_stages_s(summary: Sequence[dict[str, Any]], method: str) -> dict[str, float]:
     """Median seconds of the three stages of one method, 0 for those it does not have."""
-    entries = {entry["stage"]: entry["median"] for entry in summary if entry["method"] == method}
-    coarse = entries.get("coarse", {})
-    return {
-        "map": coarse.get("map_s") or 0.0,
-        "transform": coarse.get("transform_s") or 0.0,
-        "fine": entries["fine"]["time_s"] or 0.0,
-    }
+    (median,) = (
+        entry["median"]
+        for entry in summary
+        if (entry["method"], entry["stage"]) == (method, "fine")
+    )
+    before = {"map": median["map_s"] or 0.0, "transform": median["transform_s"] or 0.0}
+    return {**before, "fine": max((median["total_s"] or 0.0) - sum(before.values()), 0.0)}
 
 
 @dataclass(frozen=True)
@@ -194,9 +196,11 @@ class _Line:
 
 
 def _lines(rows: Sequence[ScoreRow], labels: dict[str, str]) -> list[_Line]:
+    methods = list(dict.fromkeys(row.method for row in rows))
     keys = list(dict.fromkeys((row.method, row.stage) for row in rows))
+    if len(methods) > MOST_WITH_COARSE:
+        keys = [(method, "fine") for method in methods]
     both = {method for method, stage in keys if stage == "coarse"}
-    methods = list(dict.fromkeys(method for method, _ in keys))
     return [
         _Line(
             label=row_label(labels[method], stage, method in both),

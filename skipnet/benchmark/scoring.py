@@ -42,7 +42,8 @@ class ScoreRow:
     z_error_mm: float
     mean_error_mm: float
     time_s: float
-    """Of this stage alone: map and transform for coarse, fine alignment for fine."""
+    """Of this stage alone: map and transform for coarse, fine alignment for fine; all of them for
+    a method with one stage."""
     map_s: float
     transform_s: float
     total_s: float
@@ -82,7 +83,11 @@ class Scorer:
         x_mm, y_mm, z_mm = (1e3 * error_m for error_m in score.axis_errors_m)
         map_s, transform_s = (prediction.stage_s.get(name, 0.0) for name in ("map", "transform"))
         fine_s = prediction.stage_s.get("fine", 0.0)
-        stage_s = map_s + transform_s if stage == "coarse" else fine_s
+        total_s = prediction.time_s if prediction.error else map_s + transform_s + fine_s
+        if stage == "coarse":
+            stage_s = map_s + transform_s
+        else:
+            stage_s = total_s if prediction.T_target_source_coarse is None else fine_s
         return ScoreRow(
             pair=pair.name,
             set=pair.set_name,
@@ -97,10 +102,10 @@ class Scorer:
             z_error_mm=z_mm,
             mean_error_mm=1e3 * score.mean_error_m,
             # A call that broke has no stages; all of it was spent on the pair.
-            time_s=prediction.time_s if prediction.error else stage_s,
+            time_s=total_s if prediction.error else stage_s,
             map_s=map_s,
             transform_s=transform_s,
-            total_s=prediction.time_s if prediction.error else map_s + transform_s + fine_s,
+            total_s=total_s,
             status=prediction.status,
             confidence=prediction.confidence,
             lead=prediction.lead,

@@ -7,6 +7,7 @@ them.
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Sequence
 from html import escape
 from string import Template
@@ -14,6 +15,11 @@ from string import Template
 import numpy as np
 
 from skipnet.types import FloatArray
+
+_NUMBER = r"[-+]?\d[\d.,]*(e[-+]?\d+)? ?%?"
+_NUMERIC = re.compile(
+    rf"[-–]?|{_NUMBER}( (of|to) {_NUMBER})*( \({_NUMBER} of {_NUMBER}\))?|(nan|inf)"
+)
 
 _PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
@@ -33,6 +39,8 @@ th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top;
          border-bottom: 1px solid #eee; }
 th { font-weight: 600; }
 td.number, th.number { text-align: right; }
+td.number { white-space: nowrap; }
+summary { font-size: 1.15rem; font-weight: 600; margin: 1.2rem 0 .4rem; cursor: pointer; }
 figure { margin: 1rem 0; }
 figure img { max-width: 100%; }
 figcaption { color: #555; font-size: .9rem; }
@@ -75,7 +83,8 @@ def preformatted(text: str) -> str:
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table; columns that hold only numbers are set flush right. Floats come formatted, as text.
+    """A table; columns that hold only numbers, such as 0.5, 3 of 4 or 50 % to 60 %, are set flush
+    right. Floats come formatted, as text.
 
     Empty headers throughout leave the head out.
     """
@@ -126,8 +135,4 @@ def footer(text: str) -> str:
 
 
 def _looks_numeric(cell: object) -> bool:
-    try:
-        float(str(cell).rstrip("%"))
-    except ValueError:
-        return str(cell) in ("", "-", "–")
-    return True
+    return _NUMERIC.fullmatch(str(cell)) is not None

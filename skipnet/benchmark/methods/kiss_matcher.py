@@ -44,7 +44,7 @@ def make(
         stage_s = {"map": prepared_s, "transform": matched - started - prepared_s}
         reason = f"{matcher.get_num_final_inliers()} final inliers"
         if small_gicp is None:
-            return Estimate(T_coarse, stage_s, T_coarse, reason=reason)
+            return Estimate(T_coarse, stage_s, reason=reason)
         T_fine = refine(small_gicp, task, T_coarse, fine_m, threads=1)
         stage_s["fine"] = time.perf_counter() - matched
         return Estimate(T_fine, stage_s, T_coarse, reason=reason)
