@@ -19,7 +19,13 @@ from skipnet.benchmark.isolation import isolated
 from skipnet.benchmark.methods import Estimate
 from skipnet.benchmark.predictions import Prediction, append_prediction, read_predictions
 from skipnet.benchmark.runner import check_same_settings, predict
-from skipnet.benchmark.scoring import Scorer, best_of_groups, score_predictions, write_scores
+from skipnet.benchmark.scoring import (
+    Scorer,
+    best_of_groups,
+    choose_variants,
+    score_predictions,
+    write_scores,
+)
 from skipnet.benchmark.summary import summarise
 from skipnet.config import DisturbanceConfig, EvaluateConfig, ProtocolKind, VariantConfig
 from skipnet.geometry import make_transform
@@ -337,7 +343,9 @@ def test_the_best_variant_is_chosen_set_by_set(tmp_path):
     pairs = PairSet(("p0", "p1"), load)
     predict(pairs, entrants, path, io.StringIO())
     rows = score(pairs, ["small", "large"], read_predictions(path))
-    best = best_of_groups(rows, {"small": "best", "large": "best"})
+    chosen = choose_variants(rows, {"small": "best", "large": "best"})
+    assert chosen == {("best", "set-0"): "small", ("best", "set-1"): "large"}
+    best = best_of_groups(rows, chosen)
     assert [(row.method, row.set, row.success) for row in best] == [
         ("best", "set-0", True), ("best", "set-1", True)
     ]  # fmt: skip

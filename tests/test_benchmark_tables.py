@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skipnet.benchmark.comparison import (
+    chosen_table,
     confidence_scores,
     confidence_table,
     correspondences_table,
@@ -16,6 +17,7 @@ from skipnet.benchmark.comparison import (
     success_table,
 )
 from skipnet.benchmark.curves import draw_confidence, draw_overlap, draw_points
+from skipnet.benchmark.events import cumulative_curve
 from skipnet.benchmark.protocols import PROTOCOLS
 from skipnet.benchmark.scoring import ScoreRow
 from skipnet.benchmark.summary import summarise
@@ -81,6 +83,14 @@ def test_own_limits_stand_in_the_head_of_each_set():
     rows = [row("a"), row("b", set="street", own_limits="5°, 2 m")]
     headers = sets_table(rows, LABELS, OWN).headers
     assert headers[3:] == ("hall (5°, 0.3 m)", "street (5°, 2 m)")
+
+
+def test_the_chosen_variants_are_named_set_by_set():
+    labels = LABELS | {"small": "0.1 m", "large": "0.4 m"}
+    chosen = {("Peer, best", "hall"): "small", ("Peer, best", "street"): "large"}
+    table = chosen_table(chosen, labels)
+    assert table.rows == (("hall", "0.1 m"), ("street", "0.4 m"))
+    assert chosen_table({}, labels) is None
 
 
 def test_every_rule_has_a_column_and_its_own_denominator():
@@ -153,3 +163,11 @@ def test_reliability_counts_its_answers():
     assert (x, y) == pytest.approx((0.95, 0.5))
     assert [text.get_text() for text in reliability.texts] == ["2"]
     assert recall.get_legend().get_texts()[0].get_text() == "Ours"
+
+
+def test_cumulative_curve_by_hand():
+    """Errors of 10 mm, 1 m and infinity: a third is reached at once, two thirds at 1 m."""
+    rows = [row("a", mean_error_mm=10.0), row("b", mean_error_mm=1000.0)]
+    curve = dict(cumulative_curve([*rows, row("c", False, mean_error_mm=np.inf)]))
+    shares = [curve[limit_mm] for limit_mm in (10, 750, 1000, 10_000)]
+    assert shares == pytest.approx([1 / 3, 1 / 3, 2 / 3, 2 / 3])

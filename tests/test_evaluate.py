@@ -93,16 +93,21 @@ def test_tensorboard_holds_curves_tables_and_pictures(run_folder):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     folder, summary = run_folder
-    events = EventAccumulator(str(folder / "tensorboard")).Reload()
-    tags = events.Tags()
-    curve = events.Scalars("mean_error_mm by pair/small_gicp_fine")
-    assert [point.step for point in curve] == [0, 1]
-    (rate,) = events.Scalars("success_rate/small_gicp_fine")
-    assert rate.value == pytest.approx(summary["rows"][0]["success_rate"])
+    tags = EventAccumulator(str(folder / "tensorboard")).Reload().Tags()
     assert {f"figures/{path.stem}" for path in (folder / "figures").iterdir()} <= set(
         tags["images"]
     )
-    assert any("Time and error" in tag for tag in tags["tensors"])
+    assert any("Success, error and time" in tag for tag in tags["tensors"])
+    # Each method is a run of its own under the same tags, so that one chart holds them all.
+    for entry in summary["rows"]:
+        events = EventAccumulator(str(folder / "tensorboard" / entry["method"])).Reload()
+        assert [point.step for point in events.Scalars("3 pairs/mean_error_mm")] == [0, 1]
+        stage = "" if entry["stage"] == "fine" else "coarse "
+        (rate,) = events.Scalars(f"1 result/{stage}success rate")
+        assert rate.value == pytest.approx(entry["success_rate"])
+        curve = events.Scalars("2 curves/share of pairs within step mm")
+        assert (curve[0].step, curve[-1].step) == (10, 10_000)
+        assert all(low.value <= high.value for low, high in zip(curve, curve[1:], strict=False))
 
 
 def test_the_paper_stands_under_the_rows_it_has():
@@ -145,6 +150,7 @@ def test_every_benchmark_config_composes_and_its_methods_can_be_built(benchmark,
     [
         ("icp", {"max_distance_m": 0.5}),
         ("icp", {"max_distance_m": 0.5, "to_planes": True}),
+        ("icp", {"max_distance_m": 0.5, "to_planes": True, "thin": True}),
         ("small_gicp", {}),
         ("open3d", {"max_iterations": 5000}),
         ("open3d", {"search": "fgr"}),

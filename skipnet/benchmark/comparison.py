@@ -110,6 +110,16 @@ def sets_table(rows: Sequence[ScoreRow], labels: dict[str, str], rule: Protocol)
     return Table("Success by set", headers, tuple(lines), rule.sentence)
 
 
+def chosen_table(chosen: dict[tuple[str, str], str], labels: dict[str, str]) -> Table | None:
+    """Which variant stands for its group on each set; None without groups."""
+    if not chosen:
+        return None
+    groups, sets = (list(dict.fromkeys(names)) for names in zip(*chosen, strict=True))
+    lines = tuple((name, *(labels[chosen[group, name]] for group in groups)) for name in sets)
+    note = "The variant with most successes on the set; chosen with the truth in hand, it flatters."
+    return Table("Best variant of each set", ("", *groups), lines, note)
+
+
 def overlap_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
     """Success by the share of the source that the target sees too."""
     bins = list(zip(OVERLAP_EDGES, OVERLAP_EDGES[1:], strict=False))

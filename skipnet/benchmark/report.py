@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from skipnet.benchmark.comparison import (
-    confidence_scores,
+    chosen_table,
     confidence_table,
     correspondences_table,
     overlap_table,
@@ -23,6 +22,7 @@ from skipnet.benchmark.comparison import (
     success_table,
 )
 from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.events import write_events
 from skipnet.benchmark.figures import ReportFigure, draw_extremes, draw_figures
 from skipnet.benchmark.predictions import Prediction
 from skipnet.benchmark.protocols import PROTOCOLS, Protocol
@@ -32,7 +32,6 @@ from skipnet.benchmark.tables import (
     PAPER_TABLE_2,
     Table,
     failures_table,
-    final_rows,
     means_table,
     number,
     pairs_table,
@@ -42,7 +41,6 @@ from skipnet.benchmark.tables import (
 )
 from skipnet.registration.report import versions
 from skipnet.viz import html
-from skipnet.viz.dashboard import log_hyperparameters, log_png, log_scalars, open_dashboard
 from skipnet.viz.pictures import png_bytes
 
 PEER_PACKAGES = ("kiss-matcher", "small_gicp")
@@ -62,6 +60,8 @@ class Results:
     """Method to its name in tables, in the order of the run."""
     pair_set: PairSet
     scorer: Scorer
+    chosen: dict[tuple[str, str], str]
+    """Group and set to the variant that was best there."""
     worst: int
     """Pairs to show before and after, the worst of the first method."""
 
@@ -102,7 +102,7 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     (folder / "report.html").write_text(
         html_page(summary, tables, figures, pictures), encoding="utf-8"
     )
-    write_dashboard(results, entries, tables, pictures, folder / "tensorboard")
+    write_events(results.about, results.rows, entries, tables, pictures, folder / "tensorboard")
     return summary
 
 
@@ -128,6 +128,7 @@ def make_tables(results: Results, entries: Sequence[dict[str, Any]]) -> list[Tab
         table_2(entries, with_paper=True) if is_papers_room else None,
         success_table(entries, labels, rule),
         sets_table(rows, labels, rule) if several_sets else None,
+        chosen_table(results.chosen, labels),
         rules_table(rows, labels),
         overlap_table(rows, labels),
         stages_table(entries, labels) if several_staged else None,
@@ -206,46 +207,6 @@ def html_page(
         *folded,
         html.footer(_footer(summary)),
     )
-
-
-def write_dashboard(
-    results: Results,
-    entries: Sequence[dict[str, Any]],
-    tables: Sequence[Table],
-    pictures: dict[str, bytes],
-    folder: Path,
-) -> None:
-    """The same figures for TensorBoard, where runs can be compared; curves run over the pairs."""
-    step_of = {name: step for step, name in enumerate(results.pair_set.names)}
-    with open_dashboard(folder) as writer:
-        log_hyperparameters(writer, dict(results.about), headline_scores(entries, results.rows))
-        for row in results.rows:
-            for measure in ("mean_error_mm", "rotation_error_deg", "time_s"):
-                if math.isfinite(getattr(row, measure)):
-                    tag = f"{measure} by pair/{row.method}_{row.stage}"
-                    log_scalars(writer, {tag: getattr(row, measure)}, step_of[row.pair])
-        for place, table in enumerate(tables, start=1):
-            writer.add_text(f"{place}. {table.title}", table.markdown())
-        for name, png in pictures.items():
-            log_png(writer, f"figures/{name}", png)
-
-
-def headline_scores(
-    entries: Sequence[dict[str, Any]], rows: Sequence[ScoreRow]
-) -> dict[str, float]:
-    """Success rate, median error and time of every row, and ECE, by which runs are compared."""
-    scores = {}
-    for entry in entries:
-        name = f"{entry['method']}_{entry['stage']}"
-        scores[f"success_rate/{name}"] = entry["success_rate"]
-        for measure in ("mean_error_mm", "total_s"):
-            if entry["median"][measure] is not None:
-                scores[f"median_{measure}/{name}"] = entry["median"][measure]
-    for method in dict.fromkeys(row.method for row in rows):
-        confidence = confidence_scores(final_rows(rows, method))
-        if confidence is not None:
-            scores[f"expected_calibration_error/{method}"] = confidence["ece"]
-    return scores
 
 
 def _title(summary: dict[str, Any]) -> str:

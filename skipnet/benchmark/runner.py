@@ -33,7 +33,7 @@ from skipnet.benchmark.predictions import (
     save_correspondences,
 )
 from skipnet.benchmark.report import Results, write_report
-from skipnet.benchmark.scoring import Scorer, best_of_groups, score_predictions
+from skipnet.benchmark.scoring import Scorer, best_of_groups, choose_variants, score_predictions
 from skipnet.config import EvaluateConfig
 from skipnet.types import FloatArray, Pair
 
@@ -62,14 +62,30 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
     labels = {contestant.name: contestant.label for contestant in contestants}
     scorer = Scorer(protocol_of(config), folder, config.inlier_distance_m)
     rows = score_predictions(pair_set, list(labels), predictions, scorer)
-    best = best_of_groups(rows, group_of(config))
-    labels |= {row.method: row.method for row in best}
+    chosen = choose_variants(rows, group_of(config))
+    labels |= {group: group for group, _ in chosen}
     results = Results(
-        describe(config), [*rows, *best], predictions, labels, pair_set, scorer, config.worst
+        about=describe(config) | {"all calls took": duration(p.time_s for p in predictions)},
+        rows=[*rows, *best_of_groups(rows, chosen)],
+        predictions=predictions,
+        labels=labels,
+        pair_set=pair_set,
+        scorer=scorer,
+        chosen=chosen,
+        worst=config.worst,
     )
     summary = write_report(results, folder)
     print(f"see {folder / 'report.html'}", file=progress)
     return summary
+
+
+def duration(times_s: Iterable[float]) -> str:
+    """The sum in words.
+
+    >>> duration([30.0, 60.0])
+    '1.5 min'
+    """
+    return f"{sum(times_s) / 60:.1f} min"
 
 
 def check_same_settings(path: Path, contestants: Iterable[Contestant]) -> None:

@@ -173,26 +173,34 @@ def score_predictions(
     return rows
 
 
-def best_of_groups(rows: Sequence[ScoreRow], group_of: dict[str, str]) -> list[ScoreRow]:
-    """More rows: for each group, on each set, those of its most successful variant.
+def choose_variants(
+    rows: Sequence[ScoreRow], group_of: dict[str, str]
+) -> dict[tuple[str, str], str]:
+    """For each group and set the most successful variant; ties go to the smaller median error.
 
-    Ties go to the smaller median error. It is chosen with the truth in hand, so it flatters.
+    It is chosen with the truth in hand, so it flatters.
 
     Args:
         rows: of all methods.
         group_of: method to its group, for those that have one.
-
-    Returns:
-        The chosen rows, under the group's name as their method.
     """
-    chosen = []
+    chosen = {}
     for group in dict.fromkeys(group_of.values()):
         variants = [method for method in group_of if group_of[method] == group]
         for name in dict.fromkeys(row.set for row in rows):
             of = {v: [r for r in rows if (r.method, r.set) == (v, name)] for v in variants}
-            best = max(variants, key=lambda variant: _merit(of[variant]))
-            chosen += [replace(row, method=group) for row in of[best]]
+            chosen[group, name] = max(variants, key=lambda variant: _merit(of[variant]))
     return chosen
+
+
+def best_of_groups(rows: Sequence[ScoreRow], chosen: dict[tuple[str, str], str]) -> list[ScoreRow]:
+    """The rows of the chosen variants once more, with their group as the method."""
+    return [
+        replace(row, method=group)
+        for (group, name), variant in chosen.items()
+        for row in rows
+        if (row.method, row.set) == (variant, name)
+    ]
 
 
 def _merit(rows: list[ScoreRow]) -> tuple[int, float]:
