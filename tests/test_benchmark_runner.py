@@ -5,6 +5,8 @@ import io
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from functools import partial
@@ -358,3 +360,45 @@ def test_a_protocol_that_fits_no_pair_is_refused(tmp_path):
     scorer = Scorer(ProtocolKind.rmse_20cm, tmp_path)
     with pytest.raises(ValueError, match="protocol=deg15_30cm"):
         score_predictions(pairs, ["icp"], read_predictions(path), scorer)
+
+
+SLEEPER = """
+import numpy as np, os, sys, time
+from functools import partial
+sys.path.insert(0, "tests")
+from skipnet.benchmark.isolation import isolated
+from skipnet.benchmark.methods import Task
+from test_benchmark_runner import make_sleeper
+
+if __name__ == "__main__":
+    isolated(make_sleeper)(Task(np.ones((5, 3)), np.ones((5, 3))))
+"""
+
+
+def make_sleeper():
+    def run(task):
+        print(os.getpid(), flush=True)
+        time.sleep(60)
+
+    return run
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child of its parent's end")
+def test_a_killed_run_leaves_no_method_behind(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SLEEPER)
+    root = Path(__file__).parents[1]
+    run = subprocess.Popen(
+        [sys.executable, script], cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    child = int(run.stdout.readline())
+    run.kill()
+    run.wait()
+    deadline = time.monotonic() + 20
+    while Path(f"/proc/{child}").exists() and time.monotonic() < deadline:
+        if "State:\tZ" in Path(f"/proc/{child}/status").read_text():
+            break  # dead, and nobody has asked how it ended
+        time.sleep(0.05)
+    else:
+        assert not Path(f"/proc/{child}").exists()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
+import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +16,8 @@ from multiprocessing.context import SpawnProcess
 
 from skipnet.benchmark.methods import Estimate, Method, Task
 
+PR_SET_PDEATHSIG = 1
+"""Of Linux's prctl(2): the signal that a process gets when its parent ends."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -116,10 +121,7 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 def _serve(make: Callable[[], Method], pipe: Connection, threads: int) -> None:
     """The child: build the method, then answer tasks until the pipe closes."""
-    if hasattr(os, "sched_setaffinity"):
-        processors = sorted(os.sched_getaffinity(0))
-        first = os.getpid() % len(processors)
-        os.sched_setaffinity(0, (processors[first:] + processors[:first])[:threads])
+    _settle_in(threads)
     try:
         method = make()
     except Exception as error:
@@ -131,9 +133,27 @@ def _serve(make: Callable[[], Method], pipe: Connection, threads: int) -> None:
             task = pipe.recv()
         except EOFError:
             return
-        started = time.perf_counter()
         try:
-            estimate = method(task)
-            pipe.send(replace(estimate, time_s=time.perf_counter() - started))
-        except Exception as error:
-            pipe.send(error)
+            pipe.send(_timed(method, task))
+        except BrokenPipeError:
+            return  # the run was killed meanwhile
+
+
+def _settle_in(threads: int) -> None:
+    """Take so many processors and die with the parent, as far as the system offers it (Linux)."""
+    if hasattr(os, "sched_setaffinity"):
+        processors = sorted(os.sched_getaffinity(0))
+        first = os.getpid() % len(processors)
+        os.sched_setaffinity(0, (processors[first:] + processors[:first])[:threads])
+    if sys.platform == "linux":
+        # A killed run cannot stop its children, and native code would run on for minutes.
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def _timed(method: Method, task: Task) -> Estimate | Exception:
+    """The method's answer and how long it took, or its exception."""
+    started = time.perf_counter()
+    try:
+        return replace(method(task), time_s=time.perf_counter() - started)
+    except Exception as error:
+        return error
