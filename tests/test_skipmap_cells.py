@@ -11,6 +11,7 @@ from skipnet.skipmap.cells import (
     CellIndex,
     cells_of,
     group_by_cell,
+    halve,
     neighbour_rows,
     pack,
     unpack,
@@ -40,6 +41,12 @@ def test_keys_sort_as_cells_do_by_x_then_y_then_z():
     cells = random_cells(3000, -5, 5)
     order = np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0]))
     np.testing.assert_array_equal(np.sort(pack(cells)), pack(cells[order]))
+
+
+def test_halving_keys_is_halving_cells():
+    ends = np.array([CELL_MIN, CELL_MIN + 1, -3, -1, 0, 1, 2, CELL_MAX - 1, CELL_MAX])
+    cells = np.stack(np.meshgrid(ends, ends, ends), axis=-1).reshape(-1, 3)
+    np.testing.assert_array_equal(unpack(halve(pack(cells))), np.floor(cells / 2))
 
 
 def test_adding_a_packed_difference_steps_to_the_neighbour():

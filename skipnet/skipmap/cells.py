@@ -20,6 +20,10 @@ _LARGEST_TABLE = 1 << 24
 """Entries that a table over a box of cells may have where the other way is to sort the points."""
 _LARGEST_SMALL_TABLE = 1 << 22
 """Likewise, where the other way is a hash table over the voxels."""
+_FIELDS = (1 << (2 * _BITS)) + (1 << _BITS) + 1
+"""A one in each of a key's three fields."""
+_LOW_BITS = _FIELDS * (_MASK >> 1)
+_HALF_OFFSETS = _FIELDS * (_OFFSET >> 1)
 _EMPTY = np.int64(-1)
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
@@ -60,6 +64,15 @@ def unpack(keys: IntArray) -> IntArray:
     """
     axes = (keys >> (2 * _BITS), (keys >> _BITS) & _MASK, keys & _MASK)
     return np.stack(axes, axis=-1) - _OFFSET
+
+
+def halve(keys: IntArray) -> IntArray:
+    """Keys of the cells twice as wide that hold (V,) cells: ``pack(unpack(keys) >> 1)``, quickly.
+
+    >>> unpack(halve(pack(np.array([[5, -1, -4]]))))
+    array([[ 2, -1, -2]])
+    """
+    return ((keys >> 1) & _LOW_BITS) + _HALF_OFFSETS
 
 
 def distinct_keys(keys: IntArray) -> IntArray:

@@ -12,6 +12,7 @@ from skipnet.skipmap.cells import (
     POINTS_AT_ONCE,
     distinct_keys,
     group_by_cell,
+    halve,
     pack,
     unpack,
 )
@@ -50,12 +51,13 @@ def _size_for_one(points_m: FloatArray) -> float:
     reach_m = _reach_m(points_m, T_middle_points)
     spread_m = spread_m or reach_m
     finest_m = max(spread_m / 64, reach_m / CELL_MAX)
-    cells = unpack(_occupied_keys(points_m, T_middle_points, finest_m))
-    cells -= cells.min(axis=0)  # halved often enough, they all meet in cell 0
-    counts = [len(cells)]
+    keys = _occupied_keys(points_m, T_middle_points, finest_m)
+    # From their own lowest corner up: halved often enough, all cells meet in one.
+    keys += pack(np.zeros(3, dtype=np.int64)) - pack(unpack(keys).T.min(axis=1))
+    counts = [len(keys)]
     while counts[-1] > max(goal, 1):
-        cells = unpack(distinct_keys(pack(cells >> 1)))
-        counts.append(len(cells))
+        keys = distinct_keys(halve(keys))
+        counts.append(len(keys))
     if len(counts) == 1:
         # A finer size serves: the number of voxels on surfaces grows with 1 / size^2.
         return finest_m * float(np.sqrt(counts[0] / goal))
@@ -73,7 +75,7 @@ def _middle_and_spread(points_m: FloatArray) -> tuple[FloatArray, float]:
     T_own_points = invert(principal_frame(points_m))
     if len(points_m) > _SAMPLE:
         chosen = np.random.default_rng(0).integers(len(points_m), size=_SAMPLE)
-        points_m = points_m[np.sort(chosen)]
+        points_m = points_m[chosen]
     own_m = transform_points(T_own_points, points_m)
     middle_m = np.median(own_m, axis=0)
     spread_m = float(np.quantile(np.linalg.norm(own_m - middle_m, axis=1), 0.75))

@@ -22,6 +22,7 @@ from skipnet.skipmap.cells import (
     CellIndex,
     cells_of,
     group_by_cell,
+    halve,
     pack,
     unpack,
 )
@@ -98,9 +99,10 @@ class SkipTree:
 
     def coarser(self, levels: int = 1) -> SkipTree:
         """The tree of voxels 2**levels times as wide, from the moments alone."""
-        return _gather(
-            self.voxel_size_m * 2**levels, self.origin_m, pack(self.cells >> levels), self.moments
-        )
+        keys = self.keys
+        for _ in range(levels):
+            keys = halve(keys)
+        return _gather(self.voxel_size_m * 2**levels, self.origin_m, keys, self.moments)
 
     def box(self, low_m: FloatArray, high_m: FloatArray) -> IntArray:
         """Rows of the voxels whose cells meet the closed box [low, high], ascending.
