@@ -90,3 +90,10 @@ def test_validate_refuses(points, words):
 def test_validate_accepts_a_bare_plane_far_from_the_origin():
     plane = np.c_[np.random.default_rng(1).uniform(size=(100, 2)), np.zeros(100)]
     assert len(validate(plane + [5e5, 5e6, 100], "source")) == 100
+
+
+def test_validate_looks_at_every_point_before_it_calls_them_a_line():
+    points = np.zeros((5000, 3))
+    points[:, 0] = np.arange(5000)
+    points[1, 1] = 3.0
+    assert validate(points, "source") is points

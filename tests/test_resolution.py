@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.geometry import make_transform, random_rotation, transform_points
+from skipnet.geometry import (
+    make_transform,
+    principal_frame,
+    random_rotation,
+    transform_points,
+)
 from skipnet.skipmap.resolution import MIN_POINTS_PER_VOXEL, TARGET_VOXELS, choose_voxel_size
 from skipnet.skipmap.tree import build_tree
 
@@ -50,6 +55,7 @@ def test_motion_and_order_do_not_matter_and_the_unit_scales_along():
     T = make_transform(random_rotation(rng), rng.normal(scale=1000, size=3))
     assert choose_voxel_size(transform_points(T, points_m)) == size_m
     assert choose_voxel_size(rng.permutation(points_m)) == size_m
+    assert choose_voxel_size(points_m, T_given_own=[principal_frame(points_m)]) == size_m
     assert choose_voxel_size(points_m * 1000) == pytest.approx(1000 * size_m)
 
 

@@ -11,6 +11,8 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 # Points on a line leave the rotation about it free; their spread across it is rounding alone.
 _RELATIVE_SPREAD_OF_A_LINE = 1e-6
 _SORTING_CELLS_PER_AXIS = 128
+_SAMPLE = 1000
+_POINTS_AT_ONCE = 1 << 18
 
 
 def validate(points: npt.ArrayLike, name: str) -> FloatArray:
@@ -34,7 +36,7 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         )
     if array.dtype not in (np.float32, np.float64):
         array = array.astype(np.float64)
-    if not np.isfinite(array).all():
+    if not _all_finite(array):
         finite = np.isfinite(array).all(axis=1)
         raise ValueError(
             f"{name}: {np.count_nonzero(~finite)} of {len(array)} points hold NaN or infinity: "
@@ -42,12 +44,23 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         )
     if len(array) < 3:
         raise ValueError(f"{name}: got {len(array)} points: a plane needs 3, a scan has thousands")
-    spread_m = np.sqrt(np.clip(np.linalg.eigvalsh(central_moments(array)[1]), 0, None))
-    if spread_m[1] <= _RELATIVE_SPREAD_OF_A_LINE * spread_m[2]:
+    # What holds for some of the points holds for all; a look at every point is seldom needed.
+    if not (_spans_surface(array[:: len(array) // _SAMPLE + 1]) or _spans_surface(array)):
         raise ValueError(
             f"{name}: all {len(array)} points lie on one line or in one place: expected a surface"
         )
     return array
+
+
+def _all_finite(array: FloatArray) -> bool:
+    starts = range(0, len(array), _POINTS_AT_ONCE)
+    return all(bool(np.isfinite(array[start : start + _POINTS_AT_ONCE]).all()) for start in starts)
+
+
+def _spans_surface(points_m: FloatArray) -> bool:
+    """Whether points spread in two directions by more than rounding."""
+    spread_m2 = np.linalg.eigvalsh(central_moments(points_m)[1])
+    return bool(spread_m2[1] > _RELATIVE_SPREAD_OF_A_LINE**2 * spread_m2[2])
 
 
 def denoise(points_m: FloatArray, neighbours: int = 4, sigma: float = 1.0) -> BoolArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import reduce
 
 import numpy as np
@@ -27,7 +28,9 @@ _SAMPLE = 1 << 15
 """Points that tell how far a larger scan spreads."""
 
 
-def choose_voxel_size(*clouds_m: FloatArray) -> float:
+def choose_voxel_size(
+    *clouds_m: FloatArray, T_given_own: Sequence[FloatArray] | None = None
+) -> float:
     """The voxel size for scans of one scene, from their own extent and density.
 
     Each scan asks for the size at which it occupies ``TARGET_VOXELS`` voxels, or fewer where it is
@@ -36,18 +39,23 @@ def choose_voxel_size(*clouds_m: FloatArray) -> float:
 
     Args:
         clouds_m: (N, 3) points of each scan.
+        T_given_own: (4, 4) ``principal_frame`` of each scan, where it is known already.
 
     Returns:
         Voxel size in the points' unit, to two digits: small changes of the input leave it alone.
     """
-    size_m = max(_size_for_one(points_m) for points_m in clouds_m)
+    frames = T_given_own or [principal_frame(points_m) for points_m in clouds_m]
+    size_m = max(
+        _size_for_one(points_m, invert(frame))
+        for points_m, frame in zip(clouds_m, frames, strict=True)
+    )
     return float(f"{size_m:.2g}")
 
 
-def _size_for_one(points_m: FloatArray) -> float:
+def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
     """Count occupied voxels over doubling sizes and interpolate to the goal, both logarithmic."""
     goal = min(TARGET_VOXELS, len(points_m) / MIN_POINTS_PER_VOXEL)
-    T_middle_points, spread_m = _middle_and_spread(points_m)
+    T_middle_points, spread_m = _middle_and_spread(points_m, T_own_points)
     reach_m = _reach_m(points_m, T_middle_points)
     spread_m = spread_m or reach_m
     finest_m = max(spread_m / 64, reach_m / CELL_MAX)
@@ -65,14 +73,13 @@ def _size_for_one(points_m: FloatArray) -> float:
     return finest_m * float(2**doublings)
 
 
-def _middle_and_spread(points_m: FloatArray) -> tuple[FloatArray, float]:
+def _middle_and_spread(points_m: FloatArray, T_own_points: FloatArray) -> tuple[FloatArray, float]:
     """Robust middle of a scan and how far the scan spreads about it, from a sample of its points.
 
     Returns:
         (4, 4) motion from the points' frame to one with the principal axes and the median as its
         origin, and the distance within which three quarters of the points lie from there.
     """
-    T_own_points = invert(principal_frame(points_m))
     if len(points_m) > _SAMPLE:
         chosen = np.random.default_rng(0).integers(len(points_m), size=_SAMPLE)
         points_m = points_m[chosen]
