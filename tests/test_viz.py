@@ -46,6 +46,17 @@ def test_before_after_draws_both_scans_and_moves_the_source(square):
     assert share_of(pictures.TARGET_COLOUR, image) > 0.001
 
 
+def test_a_palette_makes_a_picture_smaller_and_keeps_its_colours(square):
+    figure = pictures.draw_before_after(square, square, make_transform(np.eye(3), np.ones(3)))
+    whole, small = pictures.png_bytes(figure), pictures.png_bytes(figure, colours=64)
+    assert len(small) < 0.6 * len(whole)
+    from matplotlib.image import imread
+
+    image = (imread(io.BytesIO(small), format="png")[..., :3] * 255).round()
+    assert share_of(pictures.SOURCE_COLOUR, image) > 0.001
+    assert share_of(pictures.TARGET_COLOUR, image) > 0.001
+
+
 def test_the_longer_side_runs_to_the_right_and_is_still_seen_from_above(square):
     turned = square[:, [1, 0, 2]]
     figure = pictures.draw_scans([turned], ["a.ply"])

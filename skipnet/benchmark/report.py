@@ -46,6 +46,7 @@ from skipnet.viz.pictures import png_bytes
 PEER_PACKAGES = ("kiss-matcher", "small_gicp")
 
 PAPER_FAMILY = "paper_room"
+PNG_COLOURS = 128
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:
 def write_figures(figures: Sequence[ReportFigure], folder: Path) -> dict[str, bytes]:
     """Write each figure as NAME.png and return the same content by name."""
     folder.mkdir(parents=True, exist_ok=True)
-    pictures = {figure.name: png_bytes(figure.figure) for figure in figures}
+    pictures = {figure.name: png_bytes(figure.figure, colours=PNG_COLOURS) for figure in figures}
     for name, png in pictures.items():
         (folder / f"{name}.png").write_bytes(png)
     return pictures

@@ -38,6 +38,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top;
          border-bottom: 1px solid #eee; }
 th { font-weight: 600; }
+th:first-child { min-width: 9rem; }
 td.number, th.number { text-align: right; }
 td.number { white-space: nowrap; }
 summary { font-size: 1.15rem; font-weight: 600; margin: 1.2rem 0 .4rem; cursor: pointer; }
