@@ -195,6 +195,14 @@ def test_kitti_pairs_the_last_scan_within_10_m(kitti):
     assert pair.T_target_source[:3, 3] == pytest.approx([8, 0, 0], abs=1e-3)
 
 
+def test_the_pair_with_wrong_poses_is_left_out(kitti):
+    """Scans 0 to 14 stand still, 15 to 58 stand 11 m on, 59 another 11 m."""
+    z_m = [0.0] * 15 + [11.0] * 44 + [22.0]
+    poses = [make_transform(np.eye(3), np.array([0, 0, z]))[:3].ravel() for z in z_m]
+    np.savetxt(kitti / "poses" / "08.txt", poses)
+    assert folder_pairs(kitti, kind=DatasetKind.kitti).names == ("08/000014-to-000000",)
+
+
 def test_pairs_follow_fcgf_on_a_hand_worked_track():
     """0, 6, 9 | 15 (> 10 from 0): pair (0, 2), next from 3; 15, 26: 11 m at once, no pair."""
     x_m = np.array([0.0, 6, 9, 15, 26, 30, 37])

@@ -47,7 +47,11 @@ def run_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     summary = evaluate.main(
         EvaluateConfig(
-            pairs=2, points=3000, methods=["small_gicp", "kiss_matcher"], output_dir=str(folder)
+            pairs=2,
+            points=3000,
+            methods=["small_gicp", "kiss_matcher"],
+            worst=1,
+            output_dir=str(folder),
         )
     )
     return folder, summary
@@ -102,8 +106,8 @@ def test_tensorboard_holds_curves_tables_and_pictures(run_folder):
     for entry in summary["rows"]:
         events = EventAccumulator(str(folder / "tensorboard" / entry["method"])).Reload()
         assert [point.step for point in events.Scalars("3 pairs/mean_error_mm")] == [0, 1]
-        stage = "" if entry["stage"] == "fine" else "coarse "
-        (rate,) = events.Scalars(f"1 result/{stage}success rate")
+        group = "1 result" if entry["stage"] == "fine" else "4 coarse"
+        (rate,) = events.Scalars(f"{group}/1 success rate")
         assert rate.value == pytest.approx(entry["success_rate"])
         curve = events.Scalars("2 curves/share of pairs within step mm")
         assert (curve[0].step, curve[-1].step) == (10, 10_000)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,14 @@ from skipnet.viz.dashboard import log_hyperparameters, log_png, log_scalars, ope
 
 CURVE_MM = tuple(round(10 ** (exponent / 8)) for exponent in range(8, 33))
 """Errors, 10 mm to 10 m, at which the cumulative curve is drawn."""
+MEDIANS = {
+    "mean_error_mm": "2 median error (mm)",
+    "rotation_error_deg": "3 median rotation error (deg)",
+    "time_s": "4 median time of the stage (s)",
+}
+"""Measures by the names under which TensorBoard sorts them."""
+RUN_PARAMETERS = ("benchmark", "pairs from", "protocol")
+"""What tells runs apart in the table of parameters, beside the method."""
 PAIR_MEASURES = ("mean_error_mm", "rotation_error_deg", "total_s")
 
 
@@ -34,8 +43,11 @@ def write_events(
         entries: of the summary, one per method and stage.
         tables: of the report.
         pictures: PNG contents by name.
-        folder: what TensorBoard is pointed at, or a folder above it to compare runs.
+        folder: what TensorBoard is pointed at, or a folder above it to compare runs. Emptied first:
+            an earlier scoring of the same answers would mix with this one.
     """
+    if folder.exists():
+        shutil.rmtree(folder)
     with open_dashboard(folder) as writer:
         for place, table in enumerate(tables, start=1):
             writer.add_text(f"{place:02d} {table.title}", table.markdown())
@@ -45,7 +57,7 @@ def write_events(
     for method in dict.fromkeys(row.method for row in rows):
         final = final_rows(rows, method)
         with open_dashboard(folder / re.sub(r"\W+", "_", method)) as writer:
-            parameters = {"method": method, **about}
+            parameters = {"method": method, **{name: about[name] for name in RUN_PARAMETERS}}
             log_hyperparameters(writer, parameters, method_scores(method, entries, final))
             for limit_mm, share in cumulative_curve(final):
                 log_scalars(writer, {"2 curves/share of pairs within step mm": share}, limit_mm)
@@ -62,14 +74,14 @@ def method_scores(
     scores = {}
     for entry in entries:
         if entry["method"] == method:
-            stage = "" if entry["stage"] == "fine" else "coarse "
-            scores[f"1 result/{stage}success rate"] = entry["success_rate"]
-            for measure in ("mean_error_mm", "rotation_error_deg", "total_s"):
+            group = "1 result" if entry["stage"] == "fine" else "4 coarse"
+            scores[f"{group}/1 success rate"] = entry["success_rate"]
+            for measure, name in MEDIANS.items():
                 if entry["median"][measure] is not None:
-                    scores[f"1 result/{stage}median {measure}"] = entry["median"][measure]
+                    scores[f"{group}/{name}"] = entry["median"][measure]
     confidence = confidence_scores(final)
     if confidence is not None:
-        scores["1 result/expected calibration error"] = confidence["ece"]
+        scores["1 result/5 expected calibration error"] = confidence["ece"]
     return scores
 
 
