@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import BoolArray, FloatArray, IntArray
+from skipnet.types import FloatArray, IntArray
 
 FLAT_CURVATURE = 0.02
 """Below it a 3x3x3 neighbourhood is one plane: an edge of 90 degrees has 0.1 and more, noise of 5 %
@@ -70,10 +70,11 @@ def find_planes(
     bins = _direction_offset_bins(normals, points_m, 2 * tolerance_m)
     columns_m, normal_columns = np.ascontiguousarray(points_m.T), np.ascontiguousarray(normals.T)
     free = np.ones(len(points_m), dtype=bool)
+    votes = np.bincount(bins)
     found: list[tuple[FloatArray, FloatArray, int]] = []
-    while len(found) < max_planes and free.sum() >= min_voxels:
-        seed = free & (bins == np.bincount(bins[free]).argmax())
-        if seed.sum() < min_voxels / 4:
+    while len(found) < max_planes and np.count_nonzero(free) >= min_voxels:
+        seed = np.flatnonzero(free & (bins == votes.argmax()))
+        if len(seed) < min_voxels / 4:
             break
         normal, inlier = _grow_plane(
             columns_m, normal_columns, seed, tolerance_m, np.cos(max_angle_rad)
@@ -81,8 +82,9 @@ def find_planes(
         inlier = inlier[free[inlier]]
         if len(inlier) >= min_voxels:
             found.append((normal, points_m[inlier].mean(axis=0) + centre_m, len(inlier)))
-        free[inlier] = False
-        free &= ~seed
+        taken = np.union1d(inlier, seed)
+        free[taken] = False
+        votes -= np.bincount(bins[taken], minlength=len(votes))
     return _as_planes(found)
 
 
@@ -98,21 +100,21 @@ def _direction_offset_bins(normals: FloatArray, points_m: FloatArray, bin_m: flo
 def _grow_plane(
     points_m: FloatArray,
     normals: FloatArray,
-    seed: BoolArray,
+    rows: IntArray,
     tolerance_m: float,
     min_cosine: float,
 ) -> tuple[FloatArray, IntArray]:
-    """Fit a plane to the seed, then three times to its inliers among all (3, V) voxels.
+    """Fit a plane to some voxels, then three times to its inliers among all (3, V) of them.
 
     Returns:
         (3,) unit normal and the rows of the inliers.
     """
-    normal = normals[:, seed].mean(axis=1)
+    normal = normals.take(rows, axis=1).mean(axis=1)
     normal /= np.linalg.norm(normal)
-    rows = np.flatnonzero(seed)
     for _ in range(3):
         along_m = normal @ points_m
-        near = np.abs(along_m - np.median(along_m[rows])) < tolerance_m
+        middle_m = np.partition(along_m.take(rows), len(rows) // 2)[len(rows) // 2]
+        near = np.abs(along_m - middle_m) < tolerance_m
         rows = np.flatnonzero(near & (normal @ normals > min_cosine))
         if len(rows) < 3:
             break
