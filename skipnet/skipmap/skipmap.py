@@ -135,6 +135,8 @@ def _sum_neighbourhoods(tree: SkipTree) -> Moments:
 
     near = neighbour_rows(tree.keys, _NEIGHBOURHOOD)
     there = near >= 0
+    rows = near.ravel().take(np.flatnonzero(there))
     ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
-    adjacent = csr_array((np.ones(ends[-1]), near[there], ends), shape=(len(tree), len(tree)))
-    return Moments((adjacent @ np.ascontiguousarray(tree.moments.sums.T)).T)
+    adjacent = csr_array((np.ones(len(rows)), rows, ends), shape=(len(tree), len(tree)))
+    sums = adjacent @ np.ascontiguousarray(tree.moments.sums.T)
+    return Moments(np.ascontiguousarray(sums.T))
