@@ -50,11 +50,13 @@ def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 1000)
     distances_m = np.arange(1.5 * voxel_m, extent_m, 0.5 * voxel_m)
     for start in range(0, len(distances_m), _STEPS_AT_ONCE):
         walked_m = distances_m[start : start + _STEPS_AT_ONCE]
-        going = ~hidden & (walked_m[0] < range_m - voxel_m)
-        line, step = np.nonzero(going[:, None] & (walked_m < range_m[:, None] - voxel_m))
-        here_m = points_m[line] + walked_m[step, None] * ways[line]
-        row = skipmap.find(cells_of(here_m, voxel_m, skipmap.origin_m))
-        line, row = line[row >= 0], row[row >= 0]
+        going = np.flatnonzero(~hidden & (walked_m[0] < range_m - voxel_m))
+        # Axis by axis in memory, as everything computed from it will be.
+        here_m = points_m[going].T[..., None] + ways[going].T[..., None] * walked_m
+        cells = cells_of(np.moveaxis(here_m, 0, -1), voxel_m, skipmap.origin_m)
+        row = skipmap.find(cells)
+        place, step = np.nonzero((row >= 0) & (walked_m < range_m[going, None] - voxel_m))
+        line, row = going[place], row[place, step]
         pierced = _pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)
         hidden[line[pierced]] = True
     return float(hidden.mean())
