@@ -121,7 +121,7 @@ class Outline(HTMLParser):
 
     def handle_starttag(self, tag, attributes):
         self.attributes += attributes
-        if tag not in ("meta", "img", "br"):
+        if tag not in ("meta", "img", "br", "wbr"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):

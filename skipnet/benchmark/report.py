@@ -82,7 +82,7 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     summary = {
         "about": results.about,
         "versions": run_versions(),
-        "comparison": comparison(entries),
+        "comparison": comparison(entries) if is_papers_room(results.rows) else [],
         "rows": entries,
     }
     write_scores(results.rows, folder / "scores.csv")
@@ -122,11 +122,10 @@ def run_versions() -> dict[str, str]:
 def make_tables(results: Results, entries: Sequence[dict[str, Any]]) -> list[Table]:
     """The report's tables; for the paper's room the one in the form of its Table 2 first."""
     rows, labels, rule = results.rows, results.labels, results.rule
-    is_papers_room = {row.set for row in rows} == {PAPER_FAMILY}
     several_sets = len(entries[0]["success_rate_by_set"]) > 1
     several_staged = sum(entry["stage"] == "coarse" for entry in entries) > 1
     tables = [
-        table_2(entries, with_paper=True) if is_papers_room else None,
+        table_2(entries, with_paper=True) if is_papers_room(rows) else None,
         success_table(entries, labels, rule),
         sets_table(rows, labels, rule) if several_sets else None,
         chosen_table(results.chosen, labels),
@@ -141,6 +140,11 @@ def make_tables(results: Results, entries: Sequence[dict[str, Any]]) -> list[Tab
         pairs_table(rows, labels),
     ]
     return [table for table in tables if table is not None]
+
+
+def is_papers_room(rows: Sequence[ScoreRow]) -> bool:
+    """Whether the pairs are those of the paper's experiment, so its figures may stand there."""
+    return {row.set for row in rows} == {PAPER_FAMILY}
 
 
 def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:

@@ -106,7 +106,7 @@ def means_table(summary: Sequence[dict[str, Any]]) -> Table:
     )
     headers = ("", "poses", *TABLE_2_COLUMNS.values(), "largest (mm)")
     note = "Means over the pairs with a pose; largest: the worst pair (– if one has no pose)."
-    return Table("Means instead of medians", headers, rows, note)
+    return Table("Means instead of medians", headers, rows, note, folded=True)
 
 
 def stages_table(summary: Sequence[dict[str, Any]], labels: dict[str, str]) -> Table:

@@ -38,7 +38,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .9rem .3rem 0; text-align: left; vertical-align: top;
          border-bottom: 1px solid #eee; }
 th { font-weight: 600; }
-th:first-child { min-width: 9rem; }
+th:first-child { min-width: 13rem; }
 td.number, th.number { text-align: right; }
 td.number { white-space: nowrap; }
 summary { font-size: 1.15rem; font-weight: 600; margin: 1.2rem 0 .4rem; cursor: pointer; }
@@ -92,7 +92,7 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     is_number = [all(_looks_numeric(row[index]) for row in rows) for index in range(len(headers))]
     kinds = [' class="number"' if number else "" for number in is_number]
     head = "".join(
-        f"<th{kind}>{escape(name)}</th>" for name, kind in zip(headers, kinds, strict=True)
+        f"<th{kind}>{_breakable(name)}</th>" for name, kind in zip(headers, kinds, strict=True)
     )
     head = f"<tr>{head}</tr>" if any(headers) else ""
     body = "".join(
@@ -133,6 +133,11 @@ def matrix(T_a_b: FloatArray) -> str:
 def footer(text: str) -> str:
     """Small print at the end."""
     return f"<footer>{escape(text)}</footer>"
+
+
+def _breakable(name: str) -> str:
+    """A heading whose long names may break after an underscore, so that columns stay narrow."""
+    return escape(name).replace("_", "_<wbr>")
 
 
 def _looks_numeric(cell: object) -> bool:
