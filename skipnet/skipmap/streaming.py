@@ -6,18 +6,18 @@ up, so merging chunks and doubling the voxels loses nothing but the points' plac
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import reduce
 
 import numpy as np
 
 from skipnet.geometry import bounds
-from skipnet.skipmap.cells import CELL_MAX
+from skipnet.skipmap.cells import CELL_MAX, POINTS_AT_ONCE
 from skipnet.skipmap.tree import SkipTree, build_tree
 from skipnet.types import FloatArray
 
-MOST_VOXELS = 1 << 20
-"""Voxels that stay: a hundred for each one of a registration's Skip-map."""
+MOST_VOXELS = 1 << 19
+"""Voxels that stay: fifty for each one of a registration's Skip-map."""
 FINEST_VOXEL_M = 2.0**-10
 """Where thinning starts: nearer than a scanner's noise, and without rounding when it is doubled."""
 
@@ -45,7 +45,7 @@ def thin_chunks(
     pending: list[SkipTree] = []
     level = 0
     origin_m = None
-    for chunk_m in chunks:
+    for chunk_m in _pieces(chunks):
         if not np.isfinite(chunk_m).all():
             raise ValueError(f"{name}: holds NaN or infinite coordinates: drop those points")
         low_m, high_m = bounds(chunk_m)
@@ -53,12 +53,19 @@ def thin_chunks(
         reach_m = np.abs([low_m - origin_m, high_m - origin_m]).max()
         level = max(level, int(np.ceil(np.log2(max(reach_m / (finest_m * CELL_MAX), 1)))))
         pending.append(build_tree(chunk_m, finest_m * 2**level, origin_m))
-        if sum(map(len, pending)) > 2 * most_voxels:
+        if sum(map(len, pending)) > 1.5 * most_voxels:
             pending, level = _merge(pending, most_voxels, finest_m, level)
     if not pending:
         raise ValueError(f"{name}: holds no points")
     pending, _ = _merge(pending, most_voxels, finest_m, level)
     return pending[0].centroids_m
+
+
+def _pieces(chunks: Iterable[FloatArray]) -> Iterator[FloatArray]:
+    """Chunks in pieces of which each makes one tree."""
+    for chunk_m in chunks:
+        for start in range(0, len(chunk_m), POINTS_AT_ONCE):
+            yield chunk_m[start : start + POINTS_AT_ONCE]
 
 
 def _merge(
