@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.skipmap.moments import curvature, moments_of_points, principal_axes, sum_segments
+from skipnet.skipmap.moments import add_up, curvature, moments_of_points, principal_axes
 
 SIZES = [1, 2, 7, 100]
 STARTS = np.cumsum([0, *SIZES[:-1]])
+
+
+def in_segments(moments, starts):
+    """Consecutive rows added up; segment i runs from ``starts[i]`` to ``starts[i + 1]``."""
+    segment = np.searchsorted(starts, np.arange(len(moments)), side="right") - 1
+    return add_up(moments, segment, len(starts))
 
 
 @pytest.fixture
@@ -18,7 +24,7 @@ def points_m():
 
 @pytest.fixture
 def moments(points_m):
-    return sum_segments(moments_of_points(points_m), STARTS)
+    return in_segments(moments_of_points(points_m), STARTS)
 
 
 def test_count_mean_and_covariance_are_those_of_the_points(points_m, moments):
@@ -31,10 +37,8 @@ def test_count_mean_and_covariance_are_those_of_the_points(points_m, moments):
 
 
 def test_moments_add_and_subtract_as_point_sets_join_and_part(points_m):
-    first, second = (
-        sum_segments(moments_of_points(p), [0]) for p in (points_m[:40], points_m[40:])
-    )
-    whole = sum_segments(moments_of_points(points_m), [0])
+    first, second = (in_segments(moments_of_points(p), [0]) for p in (points_m[:40], points_m[40:]))
+    whole = in_segments(moments_of_points(points_m), [0])
     np.testing.assert_allclose((first + second).covariance, whole.covariance)
     np.testing.assert_allclose((whole - first).covariance, second.covariance, atol=1e-13)
     np.testing.assert_allclose((whole - first).mean, second.mean)
@@ -58,7 +62,7 @@ def test_curvature_runs_from_a_plane_to_a_ball_and_takes_coinciding_points():
     ball = rng.normal(size=(200_000, 3))
     one_place = np.ones((4, 3))
     stacked = moments_of_points(np.concatenate([plane, ball, one_place]))
-    grouped = sum_segments(stacked, np.array([0, 500, 200_500]))
+    grouped = in_segments(stacked, np.array([0, 500, 200_500]))
     np.testing.assert_allclose(curvature(principal_axes(grouped)[0]), [0, 1 / 3, 0], atol=0.01)
 
 
@@ -69,7 +73,7 @@ def test_two_perpendicular_half_planes_have_the_curvature_worked_out_by_hand():
     u, v = np.meshgrid((np.arange(400) + 0.5) / 400, (np.arange(400) + 0.5) / 400)
     floor = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)
     wall = np.stack([np.zeros_like(u), v, u], axis=-1).reshape(-1, 3)
-    moments = sum_segments(moments_of_points(np.concatenate([floor, wall])), [0])
+    moments = in_segments(moments_of_points(np.concatenate([floor, wall])), [0])
     assert curvature(principal_axes(moments)[0])[0] == pytest.approx(1 / 7, abs=1e-4)
 
 

@@ -101,9 +101,12 @@ def sum_groups(xyz_m: FloatArray, group: IntArray, groups: int) -> Moments:
     return Moments(sums)
 
 
-def sum_segments(moments: Moments, starts: IntArray) -> Moments:
-    """Add up consecutive voxels; segment i runs from ``starts[i]`` to ``starts[i + 1]``."""
-    return Moments(np.add.reduceat(moments.sums, starts, axis=1))
+def add_up(moments: Moments, group: IntArray, groups: int) -> Moments:
+    """Add voxels up to G groups; (V,) ``group`` says to which one each belongs."""
+    sums = np.empty((10, groups))
+    for figure, total in zip(moments.sums, sums, strict=True):
+        total[:] = np.bincount(group, figure, groups)
+    return Moments(sums)
 
 
 def principal_axes(moments: Moments) -> tuple[FloatArray, FloatArray]:

@@ -7,13 +7,12 @@ up, so merging chunks and doubling the voxels loses nothing but the points' plac
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import reduce
 
 import numpy as np
 
 from skipnet.geometry import bounds
 from skipnet.skipmap.cells import CELL_MAX, POINTS_AT_ONCE
-from skipnet.skipmap.tree import SkipTree, build_tree
+from skipnet.skipmap.tree import SkipTree, build_tree, merge_trees
 from skipnet.types import FloatArray
 
 MOST_VOXELS = 1 << 19
@@ -73,9 +72,8 @@ def _merge(
 ) -> tuple[list[SkipTree], int]:
     """One tree of all, at ``level`` or as much coarser as it takes; and its level."""
     own_levels = [round(np.log2(tree.voxel_size_m / finest_m)) for tree in trees]
-    merged = reduce(
-        SkipTree.add,
-        (tree.coarser(level - own) for tree, own in zip(trees, own_levels, strict=True)),
+    merged = merge_trees(
+        [tree.coarser(level - own) for tree, own in zip(trees, own_levels, strict=True)]
     )
     while len(merged) > most_voxels:
         merged, level = merged.coarser(), level + 1

@@ -3,12 +3,13 @@
 SkiMap (De Gregorio & Di Stefano, arXiv 1704.05832) keeps a tree of skip lists, X list -> Y list ->
 Z list -> voxel. Here each list is a run of one sorted array of packed cells: a key's upper bits
 name its X slice, the middle ones its Y column, the lower ones its place in the Z list. Descending
-the tree is a binary search in a run; integrating a scan is one sort and one segmented sum. Trees
+the tree is a binary search in a run; integrating a scan is one sort of voxels and one sum. Trees
 are values: every operation returns a new one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 
@@ -26,7 +27,7 @@ from skipnet.skipmap.cells import (
     pack,
     unpack,
 )
-from skipnet.skipmap.moments import Moments, sum_groups, sum_segments
+from skipnet.skipmap.moments import Moments, add_up, sum_groups
 from skipnet.types import FloatArray, IntArray
 
 
@@ -77,10 +78,7 @@ class SkipTree:
         Raises:
             ValueError: the trees differ in voxel size or origin.
         """
-        _check_same_grid(self, other)
-        keys = np.concatenate([self.keys, other.keys])
-        joined = Moments(np.concatenate([self.moments.sums, other.moments.sums], axis=1))
-        return _gather(self.voxel_size_m, self.origin_m, keys, joined)
+        return merge_trees([self, other])
 
     def remove(self, other: SkipTree) -> SkipTree:
         """Take a scan that was added out again; voxels left without a point disappear.
@@ -186,6 +184,20 @@ def build_tree(
     return reduce(SkipTree.add, chunks)
 
 
+def merge_trees(trees: Sequence[SkipTree]) -> SkipTree:
+    """The tree of all trees' points, one or more; the rows are sorted only once.
+
+    Raises:
+        ValueError: the trees differ in voxel size or origin.
+    """
+    first = trees[0]
+    for other in trees[1:]:
+        _check_same_grid(first, other)
+    keys = np.concatenate([tree.keys for tree in trees])
+    moments = Moments(np.concatenate([tree.moments.sums for tree in trees], axis=1))
+    return _gather(first.voxel_size_m, first.origin_m, keys, moments)
+
+
 def _default_origin_m(points_m: FloatArray, T_tree_points: FloatArray | None) -> FloatArray:
     low_m, high_m = bounds(points_m)
     middle_m = 0.5 * (low_m + high_m)
@@ -203,11 +215,14 @@ def _tree_of_chunk(xyz_m: FloatArray, voxel_size_m: float, origin_m: FloatArray)
 def _gather(
     voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: Moments
 ) -> SkipTree:
-    """Sort rows by key and add up those that share one."""
+    """Add up the voxels that share a key, and sort by key."""
     order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    starts = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
-    return SkipTree(voxel_size_m, origin_m, keys[starts], sum_segments(moments[order], starts))
+    ascending = keys[order]
+    is_first = np.concatenate([[True], ascending[1:] != ascending[:-1]])
+    row = np.empty(len(keys), dtype=np.intp)
+    row[order] = np.cumsum(is_first) - 1
+    distinct = ascending[is_first]
+    return SkipTree(voxel_size_m, origin_m, distinct, add_up(moments, row, len(distinct)))
 
 
 def _check_same_grid(a: SkipTree, b: SkipTree) -> None:
