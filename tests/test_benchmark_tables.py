@@ -21,6 +21,7 @@ from skipnet.benchmark.events import cumulative_curve
 from skipnet.benchmark.protocols import PROTOCOLS
 from skipnet.benchmark.scoring import ScoreRow
 from skipnet.benchmark.summary import summarise
+from skipnet.benchmark.tables import failures_table
 from skipnet.config import ProtocolKind
 
 LABELS = {"ours": "Ours", "peer": "Peer"}
@@ -163,6 +164,14 @@ def test_reliability_counts_its_answers():
     assert (x, y) == pytest.approx((0.95, 0.5))
     assert [text.get_text() for text in reliability.texts] == ["2"]
     assert recall.get_legend().get_texts()[0].get_text() == "Ours"
+
+
+def test_failures_come_method_by_method_the_worst_first():
+    rows = [row(f"p{n}", n == 1, "peer", mean_error_mm=float(n)) for n in (1, 2, 3)]
+    rows += [row("p1", False, "ours", error="hung"), row("p2", False, "ours", counts=False)]
+    table = failures_table(rows, [])
+    assert [line[:2] for line in table.rows] == [("p3", "peer"), ("p2", "peer"), ("p1", "ours")]
+    assert failures_table([row("a")], []) is None
 
 
 def test_cumulative_curve_by_hand():

@@ -149,12 +149,14 @@ def verdict_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
 
 
 def failures_table(rows: Sequence[ScoreRow], predictions: Sequence[Prediction]) -> Table | None:
-    """Every final pose that was not a success, worst first, and why; None if all were right."""
+    """Every final pose that was not a success, method by method, worst first, and why; None if all
+    were right."""
     reason_of = {(p.pair, p.method): p.error or p.reason for p in predictions}
     failed = [row for row in rows if row.stage == "fine" and row.counts and not row.success]
     if not failed:
         return None
-    failed.sort(key=lambda row: (row.method, -row.mean_error_mm, row.pair))
+    place = {method: index for index, method in enumerate(dict.fromkeys(r.method for r in rows))}
+    failed.sort(key=lambda row: (place[row.method], -row.mean_error_mm, row.pair))
     lines = tuple(
         (
             row.pair,
