@@ -235,10 +235,13 @@ def test_each_generator_registers_a_room_by_itself(pair, generator):
 
 
 def test_voxel_size_and_denoising_can_be_chosen(pair):
-    config = RegistrationConfig(denoise=True)
-    result = skipnet.register(pair.source_m, pair.target_m, voxel_size_m=0.25, config=config)
+    result = skipnet.register(pair.source_m, pair.target_m, voxel_size_m=0.25)
     assert result.details["voxel_size_m"] == 0.25
     assert_right(result, pair)
+    config = RegistrationConfig(denoise=True)
+    denoised = skipnet.register(pair.source_m, pair.target_m, config=config)
+    assert denoised.timings_s["denoise"] > result.timings_s["denoise"]
+    assert_right(denoised, pair)
 
 
 GOOD = np.random.default_rng(0).normal(size=(100, 3))

@@ -14,7 +14,7 @@ from skipnet.geometry import (
     transform_points,
 )
 from skipnet.registration.refinement import refine
-from skipnet.registration.verdict import holds, is_free
+from skipnet.registration.verdict import holds, is_weak
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
@@ -136,7 +136,7 @@ def test_one_plane_holds_one_translation_and_two_rotations():
     held = np.linalg.eigvalsh(fine.information[0])
     assert (held > 1e-6 * held[-1]).sum() == 3
     share, directions = holds(fine.information[0], fine.matched[0])
-    free = directions[is_free(share, fine.matched[0])]
+    free = directions[is_weak(share, fine.matched[0])]
     assert free.shape == (2, 3)
     np.testing.assert_allclose(free[:, 0], 0, atol=1e-6)
     # What the plane does not hold stays where it was.

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-
 import numpy as np
 import numpy.typing as npt
 
@@ -13,21 +10,17 @@ from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import invert
 from skipnet.learning.descriptor import correspond, load_descriptor
+from skipnet.registration.answer import Answer
 from skipnet.registration.feature_hypotheses import from_corners, from_edges
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes, from_slides
-from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
+from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.registration.verdict import Findings, Verdict, decide, holds, is_free
-from skipnet.registration.verification import Score, distinct, judge, shortlist
+from skipnet.registration.verification import shortlist
 from skipnet.skipmap.resolution import choose_voxel_size
-from skipnet.types import FloatArray, IntArray, Registration
+from skipnet.types import FloatArray, Registration
 
-AMBIGUOUS_LEAD = 0.05
-"""A rival whose score comes within this share of the best one's explains the data as well."""
-CHANCE_SCORE = 0.1
-"""What some pose always scores: a lead counts against this, though no rival be found."""
 CLEAR_CONFIDENCE = 0.99
 """With this much confidence no further generator is asked."""
 
@@ -165,125 +158,3 @@ def propose(
     source_m = source.skipmap.centroids_m[rows_s[best]]
     target_m = target.skipmap.centroids_m[rows_t[best]]
     return from_correspondences(source_m, target_m, np.ones(len(best)), 1.5 * size_m)
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The best pose so far, the verdict on it, and the candidates it was chosen from."""
-
-    candidates: FloatArray
-    T_target_source: FloatArray
-    T_target_source_coarse: FloatArray
-    verdict: Verdict
-    findings: Findings | None
-
-    @staticmethod
-    def none() -> Answer:
-        """Before any candidate: the identity, failed."""
-        verdict = Verdict(
-            "failed", 0.0, "the scans offered no feature from which to propose a pose"
-        )
-        return Answer(np.zeros((0, 4, 4)), np.eye(4), np.eye(4), verdict, None)
-
-    def mapped(self, change: Callable[[FloatArray], FloatArray], rotation: FloatArray) -> Answer:
-        """The same answer between other frames.
-
-        Args:
-            change: maps (..., 4, 4) poses to those between the new frames.
-            rotation: (3, 3) from the old target frame to the new one.
-        """
-        poses = [change(T) for T in (self.candidates, self.T_target_source)]
-        coarse = change(self.T_target_source_coarse)
-        if self.findings is None:
-            return Answer(poses[0], poses[1], coarse, self.verdict, None)
-        findings = replace(
-            self.findings,
-            free_directions=self.findings.free_directions @ rotation.T,
-            alternatives=change(self.findings.alternatives),
-        )
-        return Answer(poses[0], poses[1], coarse, decide(findings), findings)
-
-    def details(self, source: Scan, target: Scan) -> dict[str, object]:
-        """What was assumed and found, for reports."""
-        found = self.findings
-        viewpoints_m = [
-            None if scan.viewpoint_given_m is None else scan.viewpoint_given_m.tolist()
-            for scan in (source, target)
-        ]
-        return {
-            "voxel_size_m": source.skipmap.voxel_size_m,
-            "source_viewpoint_m": viewpoints_m[0],
-            "target_viewpoint_m": viewpoints_m[1],
-            "overlap": found and found.overlap,
-            "violation": found and found.violation,
-            "margin": found and found.margin,
-            "matched_voxels": found and found.matched,
-            "residual_voxels": found and found.residual_voxels,
-            "held_voxels": found and found.held_voxels,
-            "free_directions": found and found.free_directions.tolist(),
-            "alternatives_T_target_source": found and found.alternatives.tolist(),
-        }
-
-
-def settle(
-    candidates: FloatArray, source: Scan, target: Scan, config: RegistrationConfig
-) -> Answer:
-    """Refine the candidates a little, judge them again with all evidence, and decide."""
-    if len(candidates) == 0:
-        return Answer.none()
-    levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
-    fine = refine(candidates, levels, samples=config.refine_samples, max_steps=5)
-    score = judge(
-        fine.T_target_source,
-        source.evidence,
-        target.evidence,
-        config.final_samples,
-        config.violation_weight,
-        max_distance_voxels=0.5,
-    )
-    order = np.argsort(-score.total, kind="stable")
-    size_m = source.skipmap.voxel_size_m
-    kept = order[distinct(fine.T_target_source[order], source.evidence.points_m, 2 * size_m)]
-    best = polish(fine.T_target_source[kept[0]], source, target)
-    findings = summarise(best, fine.T_target_source, score, kept, size_m)
-    return Answer(
-        candidates, best.T_target_source[0], candidates[kept[0]], decide(findings), findings
-    )
-
-
-def summarise(
-    fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray, voxel_size_m: float
-) -> Findings:
-    """What the verdict rests on.
-
-    Args:
-        fine: the best pose, polished.
-        T_target_source: (K, 4, 4) all refined candidates.
-        score: the judge's figures for these.
-        kept: rows of the distinct ones, best first.
-        voxel_size_m: edge of a voxel.
-    """
-    best, rivals = kept[0], kept[1:]
-    top = max(float(score.total[best]), 1e-9)
-    lead = 1 - score.total[rivals] / top
-    closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
-    share, directions = holds(fine.information[0], fine.matched[0])
-    return Findings(
-        overlap=float(score.overlap[best]),
-        violation=float(score.violation[best]),
-        margin=float(max(1 - closest / top, 0.0)),
-        matched=int(fine.matched[0]),
-        residual_voxels=float(fine.residual_m[0] / voxel_size_m),
-        held_voxels=float(share[0] * fine.matched[0]),
-        free_directions=directions[is_free(share, fine.matched[0])],
-        alternatives=T_target_source[rivals[lead < AMBIGUOUS_LEAD]],
-    )
-
-
-def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinement:
-    """The final fine alignment of one (4, 4) pose, with every voxel of the two finer levels."""
-    levels = [
-        (source.skipmap, target.skipmap),
-        (source.fine_skipmap, target.fine_skipmap),
-    ]
-    return refine(T_target_source[None], levels)

@@ -13,15 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.geometry import invert, make_transform
-from skipnet.skipmap.cells import cells_of
+from skipnet.registration.surface_table import SurfaceTable, build_surface_table
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 MIN_MATCHES = 50
 """Fewer correspondences at a level say nothing."""
 MODEL_ERROR_VOXELS = 0.002
 """How far a real surface departs from its voxel's plane at best, so that dense voxels do not
 decide all."""
+
+
+DAMPING_VOXELS = 1.0
+"""Hold, in voxels, with which a pose keeps its place: where the data hold it less, it does not
+drift along on noise."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,16 @@ class Refinement:
     """(C, 3) centre of the matched points, target frame."""
     residual_m: FloatArray
     """(C,) median distance of correspondences along the normal."""
+
+    def __getitem__(self, rows: IntArray) -> Refinement:
+        """The candidates of some rows."""
+        return Refinement(
+            self.T_target_source[rows],
+            self.information[rows],
+            self.matched[rows],
+            self.centre_m[rows],
+            self.residual_m[rows],
+        )
 
 
 def refine(
@@ -60,9 +75,11 @@ def refine(
     T: FloatArray = np.array(T_target_source, dtype=np.float64)
     result = _before_any_level(T)
     for source, target in levels:
-        rows = _spread_rows(len(source), samples)
+        sampled = _Surfaces.of(source, _spread_rows(len(source), samples))
+        surfaces = _Surfaces.of(target, slice(None))
+        table = build_surface_table(target, neighbours=False)
         for _ in range(max_steps):
-            matches = _match(T, source, target, rows, min_normal_cosine)
+            matches = _match(T, sampled, surfaces, table, min_normal_cosine)
             T, moved_m = _gauss_newton_step(T, matches)
             if moved_m < 1e-4 * target.voxel_size_m:
                 break
@@ -98,7 +115,7 @@ def _keep_tracked(
 class _Matches:
     """One step's correspondences of C candidates and S voxels, linearised."""
 
-    valid: FloatArray
+    valid: BoolArray
     centre_m: FloatArray
     information: FloatArray
     gradient: FloatArray
@@ -117,22 +134,50 @@ def _spread_rows(count: int, samples: int | None) -> IntArray:
     return np.linspace(0, count - 1, samples).astype(np.int64)
 
 
+@dataclass(frozen=True)
+class _Surfaces:
+    """Voxels of one scan by coordinate, which is how they are computed with."""
+
+    centroids_m: FloatArray
+    """(3, V)."""
+    normals: FloatArray
+    """(3, V)."""
+    variance_m2: FloatArray
+    """(V,) of each centroid along its normal: scatter across the surface over points."""
+    oriented: bool
+
+    @staticmethod
+    def of(skipmap: SkipMap, rows: IntArray | slice) -> _Surfaces:
+        floor_m = MODEL_ERROR_VOXELS * skipmap.voxel_size_m
+        return _Surfaces(
+            np.ascontiguousarray(skipmap.centroids_m[rows].T),
+            np.ascontiguousarray(skipmap.normals[rows].T),
+            (skipmap.eigenvalues_m2[:, 0] / skipmap.counts + floor_m**2)[rows],
+            skipmap.viewpoint_m is not None,
+        )
+
+
 def _match(
-    T: FloatArray, source: SkipMap, target: SkipMap, rows: IntArray, min_normal_cosine: float
+    T: FloatArray,
+    source: _Surfaces,
+    target: _Surfaces,
+    table: SurfaceTable,
+    min_normal_cosine: float,
 ) -> _Matches:
     """Correspondences by lookup, and the weighted normal equations of their residuals."""
-    rotation = T[:, :3, :3].transpose(0, 2, 1)
-    points_m = source.centroids_m[rows] @ rotation + T[:, None, :3, 3]
-    normals = source.normals[rows] @ rotation
-    row = target.find(cells_of(points_m, target.voxel_size_m, target.origin_m))
-    cosine = np.einsum("csi,csi->cs", normals, target.normals[row])
-    if source.viewpoint_m is None or target.viewpoint_m is None:
-        normals, cosine = normals * np.sign(cosine)[..., None], np.abs(cosine)
+    points_m = T[:, :3, :3] @ source.centroids_m + T[:, :3, 3:]
+    normals = T[:, :3, :3] @ source.normals
+    row = table.find(*points_m.transpose(1, 0, 2))
+    others = target.normals.take(row, axis=1, mode="wrap").transpose(1, 0, 2)
+    cosine = (normals * others).sum(axis=1)
+    if not (source.oriented and target.oriented):
+        normals, cosine = normals * np.sign(cosine)[:, None], np.abs(cosine)
     valid = (row >= 0) & (cosine > min_normal_cosine)
-    normals = normals + target.normals[row]
-    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
-    residual_m = np.einsum("csi,csi->cs", target.centroids_m[row] - points_m, normals)
-    variance_m2 = _variance(source)[rows] + _variance(target)[row]
+    normals += others
+    normals /= np.maximum(np.sqrt((normals * normals).sum(axis=1)), 1e-9)[:, None]
+    apart_m = target.centroids_m.take(row, axis=1, mode="wrap").transpose(1, 0, 2) - points_m
+    residual_m = (apart_m * normals).sum(axis=1)
+    variance_m2 = source.variance_m2 + target.variance_m2.take(row, mode="wrap")
     return _linearise(points_m, normals, residual_m, variance_m2, valid)
 
 
@@ -141,11 +186,19 @@ def _linearise(
     normals: FloatArray,
     residual_m: FloatArray,
     variance_m2: FloatArray,
-    valid: FloatArray,
+    valid: BoolArray,
 ) -> _Matches:
-    """Robustly weighted normal equations about the matched points' centre (Geman-McClure)."""
+    """Robustly weighted normal equations about the matched points' centre (Geman-McClure).
+
+    Args:
+        points_m: (C, 3, S) source voxels where the candidates put them.
+        normals: (C, 3, S).
+        residual_m: (C, S) along the normals.
+        variance_m2: (C, S) of these.
+        valid: (C, S) what is matched.
+    """
     count = np.maximum(valid.sum(axis=1), 1)
-    centre_m = np.einsum("cs,csi->ci", valid.astype(np.float64), points_m) / count[:, None]
+    centre_m = (points_m @ valid[..., None])[..., 0] / count[:, None]
     typical_m = np.array(
         [
             np.median(r[v]) if v.any() else 0.0
@@ -155,13 +208,15 @@ def _linearise(
     scale_m2 = (4 * typical_m[:, None]) ** 2 + variance_m2
     robust = (scale_m2 / (scale_m2 + residual_m**2)) ** 2
     weight = np.where(valid, robust / (variance_m2 + typical_m[:, None] ** 2), 0.0)
-    jacobian = np.concatenate([np.cross(points_m - centre_m[:, None], normals), normals], axis=-1)
-    weighted = jacobian * weight[..., None]
+    lever_m = points_m - centre_m[..., None]
+    turned = np.cross(lever_m, normals, axis=1)
+    jacobian = np.concatenate([turned, normals], axis=1)
+    weighted = jacobian * weight[:, None]
     return _Matches(
         valid,
         centre_m,
-        weighted.transpose(0, 2, 1) @ jacobian,
-        np.einsum("csi,cs->ci", weighted, residual_m),
+        weighted @ jacobian.transpose(0, 2, 1),
+        (weighted @ residual_m[..., None])[..., 0],
         typical_m,
     )
 
@@ -171,21 +226,18 @@ def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, fl
     from scipy.spatial.transform import Rotation
 
     diagonal = np.einsum("cii->ci", matches.information)
-    damping = 1e-6 * diagonal.mean(axis=1, keepdims=True) + 1e-12
+    # Mean squared lever of the rotation: what it moves where the normals feel it.
+    weight = diagonal[:, 3:].sum(axis=1, keepdims=True)
+    square_m2 = diagonal[:, :3].sum(axis=1, keepdims=True) / np.maximum(weight, 1e-12)
+    one_voxel = weight / np.maximum(matches.valid.sum(axis=1, keepdims=True), 1)
+    damping = DAMPING_VOXELS * one_voxel * np.repeat(np.hstack([square_m2, [[1.0]] * len(T)]), 3, 1)
+    damping += 1e-12
     step = np.linalg.solve(
         matches.information + np.eye(6) * damping[..., None], matches.gradient[..., None]
     )[..., 0]
     rotation = Rotation.from_rotvec(step[:, :3]).as_matrix()
     about_m = matches.centre_m
     shift_m = about_m - np.einsum("cij,cj->ci", rotation, about_m) + step[:, 3:]
-    # Root mean square lever of the rotation: what it moves where the normals feel it.
-    square_m2 = diagonal[:, :3].sum(axis=1) / np.maximum(diagonal[:, 3:].sum(axis=1), 1e-12)
-    turned_m = np.linalg.norm(step[:, :3], axis=1) * np.sqrt(square_m2)
+    turned_m = np.linalg.norm(step[:, :3], axis=1) * np.sqrt(square_m2[:, 0])
     moved_m = np.linalg.norm(step[:, 3:], axis=1) + turned_m
     return make_transform(rotation, shift_m) @ T, float(moved_m.max())
-
-
-def _variance(skipmap: SkipMap) -> FloatArray:
-    """(V,) variance of each centroid along its normal: scatter across the surface over points."""
-    floor_m = MODEL_ERROR_VOXELS * skipmap.voxel_size_m
-    return skipmap.eigenvalues_m2[:, 0] / skipmap.counts + floor_m**2

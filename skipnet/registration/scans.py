@@ -12,6 +12,7 @@ from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
 from skipnet.features.patches import build_patches, feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import invert, principal_frame, transform_points
+from skipnet.registration.sparse_refinement import thin
 from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
@@ -19,7 +20,13 @@ from skipnet.skipmap.tree import SkipTree, build_tree
 from skipnet.types import FeatureClass, FloatArray, IntArray
 
 if TYPE_CHECKING:
+    from small_gicp import KdTree, PointCloud
+
     from skipnet.learning.network import Classifier
+
+MIN_RESOLVED = 0.75
+"""Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
+scans of a few lines 0.1 to 0.7."""
 
 Viewpoint = str | FloatArray | list[float] | None
 """Sensor position (3,) in the scan's frame, None when unknown, or "auto" to find out."""
@@ -100,6 +107,16 @@ class Scan:
         """The Skip-map at half the voxel size, built when asked for."""
         return skipmap_of_tree(self.fine_tree, self.viewpoint_m)
 
+    @property
+    def is_sparse(self) -> bool:
+        """Whether too few points lie on surfaces that the finest level resolves."""
+        return self.fine_skipmap.counts.sum() < MIN_RESOLVED * self.fine_tree.moments.count.sum()
+
+    @cached_property
+    def thinned(self) -> tuple[PointCloud, KdTree]:
+        """What fine alignment of sparse scans needs."""
+        return thin(self.fine_tree.centroids_m, self.skipmap.voxel_size_m)
+
     @cached_property
     def features(self) -> FeatureVoxels:
         """The classified feature voxels; the network runs when they are first asked for."""
@@ -134,7 +151,7 @@ class Scan:
             return self
         weights = np.ones(len(self.skipmap))
         weights[self.features.rows[self.features.classes != FeatureClass.PLANE]] = weight
-        return replace(self, evidence=replace(self.evidence, weights=weights.astype(np.float32)))
+        return replace(self, evidence=self.evidence.weighing(weights))
 
 
 @cache

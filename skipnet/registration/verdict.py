@@ -14,12 +14,12 @@ from skipnet.types import BoolArray, FloatArray
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
 MIN_CONFIDENCE = 0.5
 """A pose that is more likely right than wrong counts as registered."""
-MAX_VIOLATION = 0.025
-"""Scans of one shell with other furniture contradict each other by 3 % and more, whatever else
-agrees; right poses of busy streets and of rooms with passers-by by up to 2 %."""
-MIN_DETERMINED = 1e-3
-"""A direction that holds less than this share of the normals' information is free to slide."""
-MIN_DETERMINING_VOXELS = 5.0
+MAX_VIOLATION = 0.02
+"""Scans of one shell with other furniture contradict each other by 2.9 % and more, whatever else
+agrees; right poses of busy streets and of rooms with passers-by by up to 1.6 %."""
+MIN_DETERMINED = 0.01
+"""A direction that less than this share of the normals faces is weak: noise can hold it ..."""
+MIN_DETERMINING_VOXELS = 30.0
 """... and so is one that fewer voxels than this face."""
 FEATURES = ("overlap", "violation", "margin", "held")
 
@@ -36,8 +36,6 @@ class Findings:
     """Lead over the best distinct alternative's score, as a share of the own; 1 without a rival."""
     matched: int
     """Correspondences of the fine alignment."""
-    residual_voxels: float
-    """Median distance of these along the normals."""
     held_voxels: float
     """Voxels, in effect, that face the direction in which the pose is held least."""
     free_directions: FloatArray
@@ -119,8 +117,8 @@ def holds(information: FloatArray, matched: int) -> tuple[FloatArray, FloatArray
     return np.clip(share, 0.0, 1.0), vectors.T
 
 
-def is_free(share: FloatArray, matched: int) -> BoolArray:
-    """Which directions, of these shares of the matches, nothing holds."""
+def is_weak(share: FloatArray, matched: int) -> BoolArray:
+    """Which directions, of these shares of the matches, the normals hold weakly or not at all."""
     return (share < MIN_DETERMINED) | (share * matched < MIN_DETERMINING_VOXELS)
 
 

@@ -8,60 +8,78 @@ apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.skipmap.cells import CellIndex, cells_of, pack
+from skipnet.registration.range_image import RangeImage, build_range_image
+from skipnet.registration.surface_table import SurfaceTable, build_surface_table
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
-_EMPTY_RANGE_M = 0.0
-_NEIGHBOURS = [cell for cell in np.ndindex(3, 3, 3) if cell != (1, 1, 1)]
-_STEPS = pack(np.array(sorted(_NEIGHBOURS, key=lambda c: np.abs(np.subtract(c, 1)).sum()))) - pack(
-    np.ones(3, dtype=np.int64)
-)
-"""Key differences to the 26 neighbours, faces before edges before corners."""
+_AT_ONCE = 1 << 16
+"""Voxels, over all candidates, judged in one go: what is computed of them stays in the cache."""
 
 
-@dataclass(frozen=True)
-class RangeImage:
-    """How far a sensor saw in every direction, on an octahedral map of the sphere."""
-
-    viewpoint_m: FloatArray
-    """(3,) sensor position in the scan's frame."""
-    nearest_m: FloatArray
-    """(B, B) nearest range seen in or next to each bin; 0 where nothing was seen."""
-
-    def range_towards(self, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """For (..., 3) points: their range, and the nearest range seen that way (0 unknown)."""
-        offset_m = points_m - self.viewpoint_m.astype(points_m.dtype)
-        bins = len(self.nearest_m)
-        seen_m = self.nearest_m.ravel()[octahedral_bin(offset_m, bins)]
-        return np.sqrt(np.einsum("...i,...i->...", offset_m, offset_m)), seen_m
+STRAY_SHARE = 0.0003
+"""Share of voxels that may contradict by chance: one of 4000 samples."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """One scan made ready for judging."""
+    """One scan made ready for judging; its voxels are in a fixed random order."""
 
     points_m: FloatArray
-    """(V, 3) float32 voxel centroids, scan frame."""
+    """(3, V) float32 voxel centroids, scan frame, in the order in which they are sampled."""
     normals: FloatArray
-    """(V, 3) float32 unit normals."""
+    """(3, V) float32 unit normals, likewise."""
     weights: FloatArray
-    """(V,) how much each voxel says; edges and corners more than planes."""
+    """(V,) how much each voxel says, likewise; edges and corners more than planes."""
     order: IntArray
-    """(V,) a fixed random order in which voxels are sampled."""
+    """(V,) row in the Skip-map of each voxel in this order."""
     oriented: bool
     """Normals point to the sensor, so opposite ones are different surfaces."""
-    voxel_size_m: float
-    origin_m: FloatArray
-    near: CellIndex
-    """Row of the nearest voxel for every cell on or next to the surface."""
+    surfaces: FloatArray
+    """(V, 4) float32 normal and offset of each voxel's plane, in the Skip-map's order."""
+    near: SurfaceTable
+    """Row in ``surfaces`` of the voxel that a point lies on or next to."""
     range_image: RangeImage | None
     """None when the viewpoint is unknown: judged without free space."""
+
+    @property
+    def voxel_size_m(self) -> float:
+        """Edge of a voxel."""
+        return self.near.voxel_size_m
+
+    @property
+    def centre_m(self) -> FloatArray:
+        """(3,) mean of the voxels."""
+        return self.points_m.mean(axis=1, dtype=np.float64)
+
+    def weighing(self, weights: FloatArray) -> Evidence:
+        """The same evidence with (V,) weights, given in the Skip-map's order."""
+        return replace(self, weights=weights[self.order].astype(np.float32))
+
+
+@dataclass(frozen=True)
+class Strictness:
+    """What counts as agreement and what as a contradiction."""
+
+    max_distance_voxels: float
+    """Largest distance from the other scan's local plane."""
+    min_normal_cosine: float
+    """Smallest cosine between matching normals."""
+    free_share: float
+    """A point in front of what was seen there by this share of the range ..."""
+    free_voxels: float
+    """... and by this many voxels is in free space."""
+
+
+ROUGH = Strictness(1.0, 0.8, 0.03, 1.5)
+"""For candidates, which may be a voxel off."""
+FINE = Strictness(0.5, 0.8, 0.02, 1.0)
+"""For poses after fine alignment."""
 
 
 @dataclass(frozen=True)
@@ -69,61 +87,35 @@ class Score:
     """The judge's figures for C candidates; every array is (C,)."""
 
     total: FloatArray
-    """Overlap, discounted for violations: overlap * exp(-weight * violation), 0 to 1."""
+    """Overlap, discounted for violations: overlap * exp(-weight * severity), 0 to 1."""
     overlap: FloatArray
     """Mean of both ways' matched shares, 0 to 1."""
     violation: FloatArray
     """Mean of both ways' shares that contradict seen free space, 0 to 1."""
 
 
-def build_evidence(
-    skipmap: SkipMap,
-    points_m: FloatArray,
-    rng: np.random.Generator,
-    weights: FloatArray | None = None,
-) -> Evidence:
+def build_evidence(skipmap: SkipMap, points_m: FloatArray, rng: np.random.Generator) -> Evidence:
     """Prepare a scan for ``judge``.
 
     Args:
         skipmap: the scan's Skip-map.
         points_m: (N, 3) the scan itself, for its range image.
-        rng: draws the sampling order.
-        weights: (V,) weight of each voxel; default 1.
+        rng: draws the order in which voxels are sampled.
     """
     viewpoint_m = skipmap.viewpoint_m
+    points, normals = (a.astype(np.float32) for a in (skipmap.centroids_m, skipmap.normals))
+    offsets_m = np.einsum("vi,vi->v", points, normals)
+    order = rng.permutation(len(skipmap))
     return Evidence(
-        points_m=skipmap.centroids_m.astype(np.float32),
-        normals=skipmap.normals.astype(np.float32),
-        weights=np.asarray(np.ones(len(skipmap)) if weights is None else weights, dtype=np.float32),
-        order=rng.permutation(len(skipmap)),
+        points_m=np.ascontiguousarray(points[order].T),
+        normals=np.ascontiguousarray(normals[order].T),
+        weights=np.ones(len(skipmap), dtype=np.float32),
+        order=order,
         oriented=viewpoint_m is not None,
-        voxel_size_m=skipmap.voxel_size_m,
-        origin_m=skipmap.origin_m,
-        near=_index_near_cells(skipmap),
+        surfaces=np.column_stack([normals, offsets_m]),
+        near=build_surface_table(skipmap),
         range_image=None if viewpoint_m is None else build_range_image(points_m, viewpoint_m),
     )
-
-
-def build_range_image(points_m: FloatArray, viewpoint_m: FloatArray) -> RangeImage:
-    """Nearest range per direction, with as many bins as the scan's density fills.
-
-    Each bin takes the nearest range of its 3x3 neighbours too, so that a surface seen at a grazing
-    angle or a silhouette never looks like free space.
-
-    Args:
-        points_m: (N, 3) points of one scan.
-        viewpoint_m: (3,) where they were seen from.
-    """
-    bins = int(np.clip(np.sqrt(len(points_m) / 4), 32, 256))
-    offset_m = (points_m - viewpoint_m).astype(np.float32)
-    range_m = np.sqrt(np.einsum("ij,ij->i", offset_m, offset_m))
-    nearest_m = np.full(bins * bins, np.inf, dtype=np.float32)
-    np.minimum.at(nearest_m, octahedral_bin(offset_m, bins), range_m)
-    padded = np.pad(nearest_m.reshape(bins, bins), 1, constant_values=np.inf)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
-    nearest_m = windows.min(axis=(2, 3))
-    nearest_m[np.isinf(nearest_m)] = _EMPTY_RANGE_M
-    return RangeImage(np.asarray(viewpoint_m, dtype=np.float64), nearest_m)
 
 
 def judge(
@@ -132,8 +124,7 @@ def judge(
     target: Evidence,
     samples: int,
     violation_weight: float,
-    max_distance_voxels: float = 1.0,
-    min_normal_cosine: float = 0.8,
+    strictness: Strictness = ROUGH,
 ) -> Score:
     """Score candidate poses by what both scans say about them.
 
@@ -142,16 +133,27 @@ def judge(
         source: the source's evidence.
         target: the target's evidence.
         samples: voxels to look at in each scan; the first so many of its sampling order.
-        violation_weight: how fast contradictions devalue a pose; at 1 / weight of all voxels
+        violation_weight: how fast contradictions devalue a pose: at a severity of 1 / weight
             its overlap counts for 37 % (1 / e).
-        max_distance_voxels: largest distance from the other scan's local plane.
-        min_normal_cosine: smallest cosine between matching normals.
+        strictness: what counts as agreement and as a contradiction.
     """
-    limits = (max_distance_voxels, min_normal_cosine)
-    match_s, violation_s = _one_way(T_target_source, source, target, samples, *limits)
-    match_t, violation_t = _one_way(invert(T_target_source), target, source, samples, *limits)
-    overlap, violation = 0.5 * (match_s + match_t), 0.5 * (violation_s + violation_t)
-    return Score(overlap * np.exp(-violation_weight * violation), overlap, violation)
+    there = _one_way(T_target_source, source, target, samples, strictness)
+    back = _one_way(invert(T_target_source), target, source, samples, strictness)
+    overlap, violation = 0.5 * (there + back)
+    return Score(overlap * np.exp(-violation_weight * severity(violation)), overlap, violation)
+
+
+def severity(violation: FloatArray) -> FloatArray:
+    """How much shares of violating voxels say against a pose.
+
+    It grows as the square root does: the first few contradictions say most, because right poses of
+    still scenes have none at all, while in a busy street even the right one has some per cent. A
+    stray voxel or two say little.
+
+    >>> severity(np.array([0.0, 0.0001, 0.01])).round(3)
+    array([0.   , 0.003, 0.084])
+    """
+    return np.sqrt(violation + STRAY_SHARE) - np.sqrt(STRAY_SHARE)
 
 
 def shortlist(
@@ -160,7 +162,8 @@ def shortlist(
     target: Evidence,
     violation_weight: float,
     count: int = 20,
-    rounds: tuple[tuple[int, int], ...] = ((24, 2000), (100, 400), (400, 100)),
+    rounds: tuple[tuple[int, int], ...] = ((24, 2000), (100, 400)),
+    final_samples: int = 400,
 ) -> FloatArray:
     """Judge all with few samples, the better ones with more; keep the best distinct ones.
 
@@ -170,7 +173,8 @@ def shortlist(
         target: the target's evidence.
         violation_weight: as in ``judge``.
         count: candidates to keep at the end.
-        rounds: (samples, candidates that stay) of each round.
+        rounds: (samples, candidates that stay) of each round but the last.
+        final_samples: of the last round, among distinct candidates.
 
     Returns:
         (K, 4, 4) candidates, best first, no two within three voxels and three degrees.
@@ -178,13 +182,17 @@ def shortlist(
     for samples, stay in rounds:
         total = judge(T_target_source, source, target, samples, violation_weight).total
         T_target_source = T_target_source[np.argsort(-total, kind="stable")[:stay]]
-    kept = distinct(T_target_source, source.points_m, 3 * source.voxel_size_m)
-    return T_target_source[kept[:count]]
+    # Before the last round, lest variants of one pose crowd out all others.
+    T_target_source = T_target_source[
+        distinct(T_target_source, source.centre_m, 3 * source.voxel_size_m)
+    ]
+    total = judge(T_target_source, source, target, final_samples, violation_weight).total
+    return T_target_source[np.argsort(-total, kind="stable")[:count]]
 
 
 def distinct(
     T_target_source: FloatArray,
-    source_m: FloatArray,
+    centre_m: FloatArray,
     min_distance_m: float,
     min_angle_rad: float = 0.05,
 ) -> IntArray:
@@ -192,11 +200,10 @@ def distinct(
 
     Args:
         T_target_source: (C, 4, 4) candidates, best first.
-        source_m: (V, 3) source points; their centre shows how far two poses are apart.
-        min_distance_m: poses that move the centre apart by more are distinct ...
+        centre_m: (3,) centre of the source, which shows how far two poses are apart.
+        min_distance_m: poses that move it apart by more are distinct ...
         min_angle_rad: ... and so are those turned by more.
     """
-    centre_m = source_m.mean(axis=0, dtype=np.float64)
     moved_m = T_target_source[:, :3, :3] @ centre_m + T_target_source[:, :3, 3]
     min_trace = 1 + 2 * np.cos(min_angle_rad)
     left, kept = np.arange(len(T_target_source)), []
@@ -210,52 +217,51 @@ def distinct(
 
 
 def _one_way(
-    T_b_a: FloatArray,
-    a: Evidence,
-    b: Evidence,
-    samples: int,
-    max_distance_voxels: float,
-    min_normal_cosine: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Weighted shares of a's voxels that match b and that violate b's free space, (C,) each."""
-    chosen = a.order[:samples]
-    rotation = T_b_a[:, :3, :3].astype(np.float32)
-    weights = a.weights[chosen]
-    points_b_m = a.points_m[chosen] @ rotation.transpose(0, 2, 1)
-    points_b_m += T_b_a[:, None, :3, 3].astype(np.float32)
-    row = b.near.find(pack(cells_of(points_b_m, b.voxel_size_m, b.origin_m.astype(np.float32))))
-    normals_b = a.normals[chosen] @ rotation.transpose(0, 2, 1)
-    cosine = np.einsum("csi,csi->cs", normals_b, b.normals[row])
-    if not (a.oriented and b.oriented):
+    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
+) -> FloatArray:
+    """(2, C) weighted shares of a's voxels that match b, and that violate b's free space."""
+    points_m, normals = a.points_m[:, :samples], a.normals[:, :samples]
+    weights = a.weights[:samples] / a.weights[:samples].sum()
+    T = T_b_a.astype(np.float32)
+    shares = np.zeros((2, len(T)), dtype=np.float32)
+    at_once = max(1, _AT_ONCE // max(1, points_m.shape[1]))
+    for start in range(0, len(T), at_once):
+        some = T[start : start + at_once]
+        points_b_m = some[:, :3, :3] @ points_m + some[:, :3, 3:]
+        match = _match(points_b_m, some[:, :3, :3] @ normals, a.oriented, b, strictness)
+        shares[0, start : start + at_once] = match @ weights
+        if b.range_image is not None:
+            free = _in_free_space(points_b_m, ~match, b.range_image, b.voxel_size_m, strictness)
+            shares[1, start : start + at_once] = free @ weights
+    return shares
+
+
+def _match(
+    points_b_m: FloatArray, normals_b: FloatArray, oriented: bool, b: Evidence, limit: Strictness
+) -> BoolArray:
+    """(C, S) which of (C, 3, S) points with normals lie on a surface of b with that normal."""
+    x_m, y_m, z_m = (points_b_m[:, axis] for axis in range(3))
+    row = b.near.find(x_m, y_m, z_m)
+    surface = b.surfaces.take(row, axis=0, mode="wrap")
+    n_x, n_y, n_z, offset_m = (surface[..., part] for part in range(4))
+    cosine = normals_b[:, 0] * n_x + normals_b[:, 1] * n_y + normals_b[:, 2] * n_z
+    if not (oriented and b.oriented):
         cosine = np.abs(cosine)
-    distance_m = np.einsum("csi,csi->cs", points_b_m - b.points_m[row], b.normals[row])
-    match = (row >= 0) & (cosine > min_normal_cosine)
-    match &= np.abs(distance_m) <= max_distance_voxels * b.voxel_size_m
-    share = match @ (weights / weights.sum())
-    if b.range_image is None:
-        return share, np.zeros_like(share)
-    range_m, seen_m = b.range_image.range_towards(points_b_m)
-    free = range_m < 0.97 * seen_m - 2.5 * b.voxel_size_m
-    return share, (free & ~match) @ (weights / weights.sum())
+    distance_m = np.abs(x_m * n_x + y_m * n_y + z_m * n_z - offset_m)
+    match = (row >= 0) & (cosine > limit.min_normal_cosine)
+    return match & (distance_m <= limit.max_distance_voxels * b.voxel_size_m)
 
 
-def _index_near_cells(skipmap: SkipMap) -> CellIndex:
-    """For each cell within one step of an effective voxel the voxel fewest steps away."""
-    index = CellIndex(skipmap.keys)
-    row = np.arange(len(skipmap))
-    for step in _STEPS:
-        index.insert(skipmap.keys + step, row)
-    return index
-
-
-def octahedral_bin(offset_m: FloatArray, bins: int) -> IntArray:
-    """Flat bin of each (..., 3) direction on the octahedron unfolded to a square."""
-    scale = np.abs(offset_m).sum(axis=-1)
-    scale[scale == 0] = 1
-    u, v = offset_m[..., 0] / scale, offset_m[..., 1] / scale
-    below = offset_m[..., 2] < 0
-    folded_u, folded_v = np.copysign(1 - np.abs(v), u), np.copysign(1 - np.abs(u), v)
-    u, v = np.where(below, folded_u, u), np.where(below, folded_v, v)
-    column = np.minimum(((u + 1) * (bins / 2)).astype(np.int64), bins - 1)
-    line = np.minimum(((v + 1) * (bins / 2)).astype(np.int64), bins - 1)
-    return line * bins + column
+def _in_free_space(
+    points_b_m: FloatArray,
+    asked: BoolArray,
+    seen: RangeImage,
+    voxel_size_m: float,
+    limit: Strictness,
+) -> BoolArray:
+    """(C, S) which of the (C, 3, S) points asked for lie well in front of what b's sensor saw."""
+    free = np.zeros_like(asked)
+    x_m, y_m, z_m = (points_b_m[:, axis][asked] for axis in range(3))
+    range_m, seen_m = seen.range_towards(x_m, y_m, z_m)
+    free[asked] = range_m < (1 - limit.free_share) * seen_m - limit.free_voxels * voxel_size_m
+    return free

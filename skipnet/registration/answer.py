@@ -1,0 +1,69 @@
+"""The best pose so far, with the verdict on it, in whatever frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skipnet.registration.scans import Scan
+from skipnet.registration.verdict import Findings, Verdict, decide
+from skipnet.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The best pose so far, the verdict on it, and the candidates it was chosen from."""
+
+    candidates: FloatArray
+    T_target_source: FloatArray
+    T_target_source_coarse: FloatArray
+    verdict: Verdict
+    findings: Findings | None
+
+    @staticmethod
+    def none() -> Answer:
+        """Before any candidate: the identity, failed."""
+        verdict = Verdict(
+            "failed", 0.0, "the scans offered no feature from which to propose a pose"
+        )
+        return Answer(np.zeros((0, 4, 4)), np.eye(4), np.eye(4), verdict, None)
+
+    def mapped(self, change: Callable[[FloatArray], FloatArray], rotation: FloatArray) -> Answer:
+        """The same answer between other frames.
+
+        Args:
+            change: maps (..., 4, 4) poses to those between the new frames.
+            rotation: (3, 3) from the old target frame to the new one.
+        """
+        poses = [change(T) for T in (self.candidates, self.T_target_source)]
+        coarse = change(self.T_target_source_coarse)
+        if self.findings is None:
+            return Answer(poses[0], poses[1], coarse, self.verdict, None)
+        findings = replace(
+            self.findings,
+            free_directions=self.findings.free_directions @ rotation.T,
+            alternatives=change(self.findings.alternatives),
+        )
+        return Answer(poses[0], poses[1], coarse, decide(findings), findings)
+
+    def details(self, source: Scan, target: Scan) -> dict[str, object]:
+        """What was assumed and found, for reports."""
+        found = self.findings
+        viewpoints_m = [
+            None if scan.viewpoint_given_m is None else scan.viewpoint_given_m.tolist()
+            for scan in (source, target)
+        ]
+        return {
+            "voxel_size_m": source.skipmap.voxel_size_m,
+            "source_viewpoint_m": viewpoints_m[0],
+            "target_viewpoint_m": viewpoints_m[1],
+            "overlap": found and found.overlap,
+            "violation": found and found.violation,
+            "margin": found and found.margin,
+            "matched_voxels": found and found.matched,
+            "held_voxels": found and found.held_voxels,
+            "free_directions": found and found.free_directions.tolist(),
+            "alternatives_T_target_source": found and found.alternatives.tolist(),
+        }

@@ -1,0 +1,120 @@
+"""From candidates to an answer: align, judge again, slide, align finely, decide."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skipnet.config import RegistrationConfig
+from skipnet.registration.answer import Answer
+from skipnet.registration.refinement import Refinement, refine
+from skipnet.registration.scans import Scan
+from skipnet.registration.sliding import slide, slides_freely
+from skipnet.registration.sparse_refinement import refine_sparse
+from skipnet.registration.verdict import Findings, decide, holds, is_weak
+from skipnet.registration.verification import FINE, ROUGH, Score, Strictness, distinct, judge
+from skipnet.types import FloatArray, IntArray
+
+AMBIGUOUS_LEAD = 0.15
+"""A rival whose score comes within this share of the best one's explains the data as well."""
+CHANCE_SCORE = 0.1
+"""What some pose always scores: a lead counts against this, though no rival be found."""
+SPARSE_FINALISTS = 6
+"""Candidates of sparse scans that are worth fine alignment by GICP, which takes one at a time."""
+SLIDING_FINALISTS = 4
+"""Candidates that are worth sliding along directions that few normals hold."""
+
+
+def settle(
+    candidates: FloatArray, source: Scan, target: Scan, config: RegistrationConfig
+) -> Answer:
+    """Refine the candidates a little, judge them again with all evidence, and decide."""
+    if len(candidates) == 0:
+        return Answer.none()
+    bench = _Bench(source, target, config)
+    levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
+    fine = refine(candidates, levels, samples=config.refine_samples, max_steps=5)
+    if bench.is_sparse:
+        rough = bench.judge(fine.T_target_source, ROUGH)
+        best = np.argsort(-rough.total, kind="stable")[:SPARSE_FINALISTS]
+        fine, candidates = fine[best], candidates[best]
+        fine = refine_sparse(fine, source.thinned, target.thinned, bench.voxel_size_m)
+    T, score = bench.slide(fine, bench.judge(fine.T_target_source))
+    kept = bench.distinct(T, score)
+    fine = fine[kept[:1]] if bench.is_sparse else polish(T[kept[0]], source, target)
+    findings = bench.summarise(fine, T, score, kept)
+    return Answer(
+        candidates, fine.T_target_source[0], candidates[kept[0]], decide(findings), findings
+    )
+
+
+def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinement:
+    """The final fine alignment of one (4, 4) pose, with every voxel of the two finer levels."""
+    levels = [
+        (source.skipmap, target.skipmap),
+        (source.fine_skipmap, target.fine_skipmap),
+    ]
+    return refine(T_target_source[None], levels)
+
+
+class _Bench:
+    """The judge with both scans before it."""
+
+    def __init__(self, source: Scan, target: Scan, config: RegistrationConfig) -> None:
+        self.voxel_size_m = source.skipmap.voxel_size_m
+        self.is_sparse = source.is_sparse or target.is_sparse
+        self._case = (
+            source.evidence,
+            target.evidence,
+            config.final_samples,
+            config.violation_weight,
+        )
+
+    def judge(self, T_target_source: FloatArray, strictness: Strictness = FINE) -> Score:
+        """Score (C, 4, 4) poses with all samples."""
+        return judge(T_target_source, *self._case, strictness)
+
+    def distinct(self, T_target_source: FloatArray, score: Score) -> IntArray:
+        """Rows of the poses that differ from every better one, best first."""
+        order = np.argsort(-score.total, kind="stable")
+        centre_m = self._case[0].centre_m
+        return order[distinct(T_target_source[order], centre_m, 2 * self.voxel_size_m)]
+
+    def slide(self, fine: Refinement, score: Score) -> tuple[FloatArray, Score]:
+        """The poses, the best of them moved along their weak directions, and new scores."""
+        T = fine.T_target_source.copy()
+        for row in self.distinct(T, score)[:SLIDING_FINALISTS]:
+            share, directions = holds(fine.information[row], fine.matched[row])
+            for direction in directions[is_weak(share, fine.matched[row])]:
+                T[row] = slide(T[row], direction, *self._case)
+        return T, self.judge(T)
+
+    def summarise(
+        self, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
+    ) -> Findings:
+        """What the verdict rests on.
+
+        Args:
+            fine: the best pose, polished.
+            T_target_source: (K, 4, 4) all refined candidates.
+            score: the judge's figures for these.
+            kept: rows of the distinct ones, best first.
+        """
+        best, rivals = kept[0], kept[1:]
+        top = max(float(score.total[best]), 1e-9)
+        lead = 1 - score.total[rivals] / top
+        closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
+        share, directions = holds(fine.information[0], fine.matched[0])
+        free = [
+            direction
+            for direction in directions[is_weak(share, fine.matched[0])]
+            if slides_freely(fine.T_target_source[0], direction, *self._case)
+        ]
+        return Findings(
+            overlap=float(score.overlap[best]),
+            violation=float(score.violation[best]),
+            margin=float(max(1 - closest / top, 0.0)),
+            matched=int(fine.matched[0]),
+            held_voxels=float(share[0] * fine.matched[0]),
+            free_directions=np.array(free).reshape(-1, 3),
+            alternatives=T_target_source[rivals[lead < AMBIGUOUS_LEAD]],
+        )

@@ -1,0 +1,98 @@
+"""Fine alignment of sparse scans, whose scan lines lie further apart than voxels: GICP.
+
+A voxel that holds one scan line has no normal of its own, so ``refinement`` finds no hold there.
+Generalized ICP (Segal et al., RSS 2009) takes each point's surface from its nearest neighbours,
+however far they are, and weighs two surfaces by how well they agree. small_gicp does it well; what
+is checked here is that its answer is still the pose it was asked about.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skipnet.registration.refinement import Refinement
+from skipnet.types import FloatArray
+
+if TYPE_CHECKING:
+    from small_gicp import KdTree, PointCloud
+
+NEIGHBOURS = 10
+"""Points that make a surface: enough to bridge two scan lines."""
+REACHES_VOXELS = (4.0, 2.0, 1.0)
+"""Farthest correspondence, from the first alignment to the last."""
+MAX_SHIFT_VOXELS = 3.0
+"""A pose that moves further has run away."""
+
+
+def thin(points_m: FloatArray, voxel_size_m: float) -> tuple[PointCloud, KdTree]:
+    """Thin (N, 3) points to one per voxel, with covariances and a search tree (small_gicp)."""
+    from small_gicp import preprocess_points
+
+    points_m = np.ascontiguousarray(points_m, dtype=np.float64)
+    return preprocess_points(points_m, voxel_size_m, NEIGHBOURS)
+
+
+def refine_sparse(
+    before: Refinement,
+    source: tuple[PointCloud, KdTree],
+    target: tuple[PointCloud, KdTree],
+    voxel_size_m: float,
+) -> Refinement:
+    """Refine candidate poses by GICP; those that run away or find nothing stay as they were.
+
+    Args:
+        before: the poses to start from, right to about two voxels.
+        source: of ``thin``.
+        target: likewise.
+        voxel_size_m: edge of a voxel.
+    """
+    from small_gicp import align
+
+    T, information = before.T_target_source.copy(), before.information.copy()
+    matched, residual_m = before.matched.copy(), before.residual_m.copy()
+    centre_source_m = np.asarray(source[0].points())[:, :3].mean(axis=0)
+    centre_m = before.centre_m.copy()
+    for row, start in enumerate(before.T_target_source):
+        pose = start
+        for reach_voxels in REACHES_VOXELS:
+            found = align(
+                target[0],
+                source[0],
+                target[1],
+                pose,
+                max_correspondence_distance=reach_voxels * voxel_size_m,
+                max_iterations=50,
+                translation_epsilon=1e-4 * voxel_size_m,
+                rotation_epsilon=1e-5,
+            )
+            pose = found.T_target_source
+        shift_m = (found.T_target_source - start)[:3] @ np.append(centre_source_m, 1)
+        if found.num_inliers == 0 or np.linalg.norm(shift_m) > MAX_SHIFT_VOXELS * voxel_size_m:
+            continue
+        T[row], matched[row] = found.T_target_source, found.num_inliers
+        information[row] = _in_target_axes(found.H, found.T_target_source, centre_source_m)
+        # Mean squared Mahalanobis distance: what the unscaled covariances left open.
+        variance = max(2 * found.error / found.num_inliers, 1e-12)
+        information[row] /= variance
+        residual_m[row] = 0.0
+    return Refinement(T, information, matched, centre_m, residual_m)
+
+
+def _in_target_axes(H: FloatArray, T_target_source: FloatArray, centre_m: FloatArray) -> FloatArray:
+    """Normal matrix of a small motion behind the pose as one of a motion in the target's axes.
+
+    Args:
+        H: (6, 6) of (rotation, translation) about the source's origin, source axes.
+        T_target_source: (4, 4) the pose.
+        centre_m: (3,) in the source's frame; the point that the rotation is to leave in place.
+    """
+    R = T_target_source[:3, :3]
+    skew = np.cross(np.eye(3), centre_m)
+    # Turning about the centre by w moves the source's origin by  centre x w  in source axes.
+    change = np.zeros((6, 6))
+    change[:3, :3] = R.T
+    change[3:, 3:] = R.T
+    change[3:, :3] = skew @ R.T
+    return change.T @ H @ change
