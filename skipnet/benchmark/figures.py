@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 STAGE_COLOURS = {"map": "#56B4E9", "transform": "#E69F00", "fine": "#0072B2"}
 STAGE_NAMES = {"map": "voxels and map", "transform": "coarse transform", "fine": "fine match"}
+FARTHEST_MM = 1e5
+"""A diverged pose, kilometres away, does not set the scale."""
 MOST_WITH_COARSE = 4
 """With more methods, curves show their final poses only."""
 
@@ -123,6 +125,7 @@ def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figur
     axes.set(
         xscale="log", xlabel="mean axis error (mm)", ylabel="share of the pairs", ylim=(0, 1.03)
     )
+    axes.set_xlim(right=min(axes.get_xlim()[1], FARTHEST_MM))
     legend_beside(axes)
     return figure
 
@@ -141,6 +144,7 @@ def draw_pair_errors(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure
         axes.scatter(x, errors_mm, s=20, marker=marker, facecolors=faces, edgecolors=line.colour)
         axes.scatter([], [], s=20, marker=marker, color=line.colour, label=line.label)
     axes.set(yscale="log", xlabel="pair", ylabel="mean axis error (mm)")
+    axes.set_ylim(top=min(axes.get_ylim()[1], FARTHEST_MM))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     legend_beside(axes)
     return figure
