@@ -9,7 +9,7 @@ from skipnet.types import FloatArray, IntArray
 
 FPFH_RADIUS_VOXELS = 5.0
 _FPFH_MAX_NEIGHBOURS = 100
-_BLOCK = 512
+_BLOCK = 256
 """Rows compared at a time: their distances to all others stay in the processor's cache."""
 
 
@@ -49,19 +49,23 @@ def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     """
     if len(source) == 0 or len(target) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32)
+    # |s - t|^2 = |s|^2 - 2 s.t + |t|^2 as one product of rows with two more columns
+    ones_s, ones_t = (np.ones((len(rows), 1), np.float32) for rows in (source, target))
+    squared_s, squared_t = ((rows**2).sum(axis=1, keepdims=True) for rows in (source, target))
+    left = np.concatenate([-2 * source, squared_s, ones_s], axis=1)
+    right = np.concatenate([target, ones_t, squared_t], axis=1).T
     forward = np.empty(len(source), dtype=np.int64)
-    backward = np.zeros(len(target), dtype=np.int64)
-    nearest_squared = np.full(len(target), np.inf, dtype=np.float32)
-    squared_s, squared_t = ((rows**2).sum(axis=1) for rows in (source, target))
+    nearest_s = np.empty(len(source), dtype=np.float32)
+    nearest_t = np.full(len(target), np.inf, dtype=np.float32)
     for start in range(0, len(source), _BLOCK):
         block = slice(start, start + _BLOCK)
-        squared = squared_s[block, None] + squared_t - 2 * (source[block] @ target.T)
+        squared = left[block] @ right
         forward[block] = squared.argmin(axis=1)
-        best = squared.argmin(axis=0)
-        best_squared = squared[best, np.arange(len(target))]
-        nearer = best_squared < nearest_squared
-        backward[nearer] = start + best[nearer]
-        nearest_squared[nearer] = best_squared[nearer]
-    rows = np.flatnonzero(backward[forward] == np.arange(len(source)))
-    distance = np.sqrt(np.maximum(nearest_squared[forward[rows]], 0))
-    return rows, forward[rows], distance
+        nearest_s[block] = np.take_along_axis(squared, forward[block, None], axis=1)[:, 0]
+        np.minimum(nearest_t, squared.min(axis=0), out=nearest_t)
+    # Both ways' minima come from one matrix: a pair is mutual when they are the same number.
+    mutual = np.flatnonzero(nearest_s == nearest_t[forward])
+    rows_t, first = np.unique(forward[mutual], return_index=True)  # of equal sources the first
+    rows_s, order = np.sort(mutual[first]), np.argsort(mutual[first])
+    rows_t = rows_t[order]
+    return rows_s, rows_t, np.linalg.norm(source[rows_s] - target[rows_t], axis=1)
