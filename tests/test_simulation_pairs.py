@@ -9,9 +9,11 @@ from skipnet.geometry import transform_points
 from skipnet.simulation.pairs import simulate_pair, simulate_scans
 from skipnet.simulation.scenes import FAMILIES
 
+WITH_FLAT_SURFACES = [family for family in FAMILIES if family != "terrain"]
+
 
 @pytest.mark.parametrize("rotation", ["yaw", "any"])
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", WITH_FLAT_SURFACES)
 def test_true_transform_lays_source_surfaces_on_target_surfaces(family, rotation):
     simulated = simulate_pair(family, 3, rotation=rotation, points=20_000)
     pair, source, target = simulated.pair, simulated.source, simulated.target

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
-from skipnet.simulation import facades, families
+from skipnet.simulation import facades, families, organic
 from skipnet.simulation.placement import Draft, Station
 from skipnet.simulation.raycasting import Raycaster
 from skipnet.simulation.shapes import triangle_normals
@@ -22,6 +22,8 @@ FAMILY_MAKERS: dict[str, Callable[[np.random.Generator], Draft]] = {
     "doorway": families.doorway,
     "closed": families.closed,
     "facade": facades.facade,
+    "terrain": organic.terrain,
+    "clutter": organic.clutter,
     "corridor": families.corridor,
     "symmetric": families.symmetric,
 }

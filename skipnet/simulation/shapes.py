@@ -122,24 +122,24 @@ def cylinder(radius_m: float, height_m: float, hidden: tuple[str, ...] = ()) -> 
     return surfaces
 
 
-def sphere(radius_m: float) -> list[Surface]:
-    """A sphere resting on z = 0, from rings of latitude."""
-    polar = np.linspace(np.pi, 0, CIRCLE_SEGMENTS // 2 + 1)[:, None]
-    azimuth = np.linspace(0, 2 * np.pi, CIRCLE_SEGMENTS, endpoint=False)
+def sphere(radius_m: float, segments: int = CIRCLE_SEGMENTS) -> list[Surface]:
+    """A sphere resting on z = 0, from rings of ``segments`` vertices, an even number."""
+    polar = np.linspace(np.pi, 0, segments // 2 + 1)[:, None]
+    azimuth = np.linspace(0, 2 * np.pi, segments, endpoint=False)
     unit = np.empty((len(polar), len(azimuth), 3))
     unit[..., 0] = np.sin(polar) * np.cos(azimuth)
     unit[..., 1] = np.sin(polar) * np.sin(azimuth)
     unit[..., 2] = np.cos(polar)
     vertices_m = radius_m * (unit.reshape(-1, 3) + [0, 0, 1])
-    triangles = _band(len(polar))
+    triangles = _band(len(polar), segments)
     # The rings at the poles are points: triangles with two corners there have no area.
-    at_pole = (triangles < CIRCLE_SEGMENTS) | (triangles >= len(vertices_m) - CIRCLE_SEGMENTS)
+    at_pole = (triangles < segments) | (triangles >= len(vertices_m) - segments)
     return [Surface(vertices_m, triangles[at_pole.sum(axis=1) < 2], is_curved=True)]
 
 
-def _band(rings: int) -> IntArray:
-    """Outward triangles between rings of `CIRCLE_SEGMENTS` vertices, the lowest ring first."""
-    index = np.arange(rings * CIRCLE_SEGMENTS).reshape(rings, CIRCLE_SEGMENTS)
+def _band(rings: int, segments: int = CIRCLE_SEGMENTS) -> IntArray:
+    """Outward triangles between rings of ``segments`` vertices, the lowest ring first."""
+    index = np.arange(rings * segments).reshape(rings, segments)
     east = np.roll(index, -1, axis=1)
     lower = np.stack([index[:-1], east[:-1], east[1:]], axis=-1)
     upper = np.stack([index[:-1], east[1:], index[1:]], axis=-1)
