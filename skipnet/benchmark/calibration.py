@@ -8,9 +8,13 @@ furniture. No real cloud takes part. The seeds lie apart from those of training 
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -42,17 +46,26 @@ class Trial:
     """The pose is within the pair's thresholds; never so for scans of different scenes."""
 
 
-def run_trials(scenes_per_family: int, config: RegistrationConfig | None = None) -> Iterator[Trial]:
-    """Register simulated positives and negatives, two of each per scene and scanner."""
-    for family in FAMILIES:
-        for scanner in SCANNERS:
-            for index in range(scenes_per_family):
-                yield from _trials_of_scene(family, scanner, FIRST_SEED + 2 * index, config)
-
-
-def _trials_of_scene(
-    family: str, scanner: str, seed: int, config: RegistrationConfig | None
+def run_trials(
+    scenes_per_family: int, config: RegistrationConfig | None = None, workers: int = 1
 ) -> Iterator[Trial]:
+    """Register simulated positives and negatives, two of each per scene and scanner."""
+    scenes = [
+        (family, scanner, FIRST_SEED + 2 * index)
+        for index in range(scenes_per_family)
+        for family in FAMILIES
+        for scanner in SCANNERS
+    ]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for trials in pool.map(partial(trials_of_scene, config=config), *zip(*scenes, strict=True)):
+            yield from trials
+
+
+def trials_of_scene(
+    family: str, scanner: str, seed: int, config: RegistrationConfig | None = None
+) -> list[Trial]:
+    """Two positives and two negatives: undisturbed, and with passers-by."""
+    trials = []
     pair = simulate_pair(family, seed, scanner=scanner, rotation="any").pair
     other = simulate_pair(family, seed + 1, scanner=scanner, rotation="any").pair
     rng = np.random.default_rng(seed)
@@ -70,7 +83,8 @@ def _trials_of_scene(
             features = features_of(result)
             if features is not None:
                 name = f"{family}/{scanner}/{seed}/{kind}/{passers_by}"
-                yield Trial(name, features, right)
+                trials.append(Trial(name, features, right))
+    return trials
 
 
 def features_of(result: Registration) -> FloatArray | None:
@@ -131,7 +145,7 @@ def expected_calibration_error(confidence: FloatArray, right: FloatArray, bins: 
 def main(scenes_per_family: int = 10) -> None:
     """Run the trials, fit the confidence and replace the shipped ``confidence.json``."""
     trials = []
-    for trial in run_trials(scenes_per_family):
+    for trial in run_trials(scenes_per_family, workers=os.cpu_count() or 1):
         trials.append(trial)
         figures = " ".join(f"{value:.3f}" for value in trial.features)
         sys.stderr.write(f"{'right' if trial.right else 'wrong'} {trial.name} {figures}\n")

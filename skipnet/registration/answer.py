@@ -16,9 +16,12 @@ from skipnet.types import FloatArray
 class Answer:
     """The best pose so far, the verdict on it, and the candidates it was chosen from."""
 
-    candidates: FloatArray
+    coarse: FloatArray
+    """(K, 4, 4) the candidates that came off best, as they were proposed."""
+    finalists: FloatArray
+    """(K, 4, 4) the same after alignment; none without candidates."""
     T_target_source: FloatArray
-    T_target_source_coarse: FloatArray
+    """(4, 4) the best of them after fine alignment."""
     verdict: Verdict
     findings: Findings | None
 
@@ -28,7 +31,12 @@ class Answer:
         verdict = Verdict(
             "failed", 0.0, "the scans offered no feature from which to propose a pose"
         )
-        return Answer(np.zeros((0, 4, 4)), np.eye(4), np.eye(4), verdict, None)
+        return Answer(np.zeros((0, 4, 4)), np.zeros((0, 4, 4)), np.eye(4), verdict, None)
+
+    @property
+    def T_target_source_coarse(self) -> FloatArray:
+        """(4, 4) the best pose as it was proposed."""
+        return self.coarse[0] if len(self.coarse) else np.eye(4)
 
     def mapped(self, change: Callable[[FloatArray], FloatArray], rotation: FloatArray) -> Answer:
         """The same answer between other frames.
@@ -37,16 +45,17 @@ class Answer:
             change: maps (..., 4, 4) poses to those between the new frames.
             rotation: (3, 3) from the old target frame to the new one.
         """
-        poses = [change(T) for T in (self.candidates, self.T_target_source)]
-        coarse = change(self.T_target_source_coarse)
+        poses = [change(T) for T in (self.coarse, self.finalists, self.T_target_source)]
         if self.findings is None:
-            return Answer(poses[0], poses[1], coarse, self.verdict, None)
+            return Answer(poses[0], poses[1], poses[2], self.verdict, None)
+        both = np.kron(np.eye(2), rotation)
         findings = replace(
             self.findings,
+            covariance=both @ self.findings.covariance @ both.T,
             free_directions=self.findings.free_directions @ rotation.T,
             alternatives=change(self.findings.alternatives),
         )
-        return Answer(poses[0], poses[1], coarse, decide(findings), findings)
+        return Answer(poses[0], poses[1], poses[2], decide(findings), findings)
 
     def details(self, source: Scan, target: Scan) -> dict[str, object]:
         """What was assumed and found, for reports."""
@@ -64,6 +73,7 @@ class Answer:
             "margin": found and found.margin,
             "matched_voxels": found and found.matched,
             "held_voxels": found and found.held_voxels,
+            "covariance": found and found.covariance.tolist(),
             "free_directions": found and found.free_directions.tolist(),
             "alternatives_T_target_source": found and found.alternatives.tolist(),
         }

@@ -21,7 +21,6 @@ from skipnet.registration.pipeline import clean, register_scans
 from skipnet.registration.refinement import refine
 from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray, Registration
 
 PairKey = tuple[int, int]
@@ -269,11 +268,7 @@ def _describe_all(
     clouds_m = [
         clean(validate(scan, f"scans[{number}]"), config) for number, scan in enumerate(scans)
     ]
-    size_m = choose_voxel_size(*clouds_m) if voxel_size_m is None else voxel_size_m
-    return [
-        describe(points_m, size_m, viewpoint, seed)
-        for points_m, viewpoint in zip(clouds_m, viewpoints, strict=True)
-    ]
+    return describe(clouds_m, viewpoints, voxel_size_m, seed)
 
 
 def _trust(pair: Registration) -> tuple[float, float]:

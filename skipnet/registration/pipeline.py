@@ -18,7 +18,6 @@ from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describ
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verification import shortlist
-from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray, Registration
 
 CLEAR_CONFIDENCE = 0.99
@@ -64,14 +63,8 @@ def register(
     with clock("denoise"):
         source_m, target_m = (clean(points_m, config) for points_m in clouds)
     with clock("skip-map"):
-        size_m = choose_voxel_size(source_m, target_m) if voxel_size_m is None else voxel_size_m
-        scans = [
-            describe(points_m, size_m, viewpoint, seed)
-            for points_m, viewpoint in (
-                (source_m, source_viewpoint),
-                (target_m, target_viewpoint),
-            )
-        ]
+        viewpoints = source_viewpoint, target_viewpoint
+        scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed)
     return register_scans(scans[0], scans[1], config, clock)
 
 
@@ -115,12 +108,14 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)
         with clock("verification"):
-            candidates = np.concatenate([answer.candidates, hypotheses.T_target_source])
-            candidates = shortlist(
-                candidates, source.evidence, target.evidence, config.violation_weight
+            fresh = shortlist(
+                hypotheses.T_target_source,
+                source.evidence,
+                target.evidence,
+                config.violation_weight,
             )
         with clock("fine alignment"):
-            answer = settle(candidates, source, target, config)
+            answer = settle(answer, fresh, source, target, config)
         if answer.verdict.status == "registered" and answer.verdict.confidence >= CLEAR_CONFIDENCE:
             break
     return answer

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skipnet.geometry import columns
 from skipnet.types import FloatArray, IntArray
 
 _MIN_BINS, _MAX_BINS = 32, 256
@@ -36,7 +37,9 @@ class RangeImage:
         return np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m), self.nearest_m.ravel().take(bins)
 
 
-def build_range_image(points_m: FloatArray, viewpoint_m: FloatArray) -> RangeImage:
+def build_range_image(
+    points_m: FloatArray, viewpoint_m: FloatArray, T_own_points: FloatArray | None = None
+) -> RangeImage:
     """Nearest range per direction, with as many bins as the scan's density fills.
 
     Each bin takes the nearest range of its 3x3 neighbours too, so that a surface seen at a grazing
@@ -45,13 +48,14 @@ def build_range_image(points_m: FloatArray, viewpoint_m: FloatArray) -> RangeIma
 
     Args:
         points_m: (N, 3) points of one scan.
-        viewpoint_m: (3,) where they were seen from.
+        viewpoint_m: (3,) where they were seen from, in the frame of the image.
+        T_own_points: (4, 4) from the frame of the points to that of the image; None where these
+            are one.
     """
     bins = int(np.clip(np.sqrt(len(points_m) / _POINTS_PER_BIN), _MIN_BINS, _MAX_BINS))
     nearest_m = np.full(bins * bins, np.inf, dtype=np.float32)
-    for start in range(0, len(points_m), _POINTS_AT_ONCE):
-        chunk_m = points_m[start : start + _POINTS_AT_ONCE] - viewpoint_m
-        x_m, y_m, z_m = np.ascontiguousarray(chunk_m.T, dtype=np.float32)
+    for xyz_m in columns(points_m, T_own_points, _POINTS_AT_ONCE):
+        x_m, y_m, z_m = (xyz_m - viewpoint_m[:, None]).astype(np.float32)
         range_m = np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)
         np.minimum.at(nearest_m, octahedral_bin(x_m, y_m, z_m, bins), range_m)
     nearest_m = _least_of_neighbours(nearest_m.reshape(bins, bins))

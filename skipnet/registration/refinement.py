@@ -24,6 +24,8 @@ MODEL_ERROR_VOXELS = 0.002
 decide all."""
 
 
+_FREE = 1e-9
+"""Share of the best held direction's information that any direction is granted."""
 DAMPING_VOXELS = 1.0
 """Hold, in voxels, with which a pose keeps its place: where the data hold it less, it does not
 drift along on noise."""
@@ -42,8 +44,13 @@ class Refinement:
     """(C,) correspondences in the last step."""
     centre_m: FloatArray
     """(C, 3) centre of the matched points, target frame."""
-    residual_m: FloatArray
-    """(C,) median distance of correspondences along the normal."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(C, 6, 6) inverse of ``information``; large but finite where nothing holds the pose."""
+        diagonal = np.einsum("cii->ci", self.information)
+        loose = _FREE * np.maximum(diagonal, diagonal.max(axis=1, keepdims=True, initial=1e-12))
+        return np.linalg.inv(self.information + np.eye(6) * loose[..., None])
 
     def __getitem__(self, rows: IntArray) -> Refinement:
         """The candidates of some rows."""
@@ -52,7 +59,6 @@ class Refinement:
             self.information[rows],
             self.matched[rows],
             self.centre_m[rows],
-            self.residual_m[rows],
         )
 
 
@@ -90,8 +96,8 @@ def refine(
 
 def _before_any_level(T: FloatArray) -> Refinement:
     count = len(T)
-    matched, nothing = np.zeros(count, dtype=np.int64), np.zeros(count)
-    return Refinement(T, np.zeros((count, 6, 6)), matched, np.zeros((count, 3)), nothing)
+    matched = np.zeros(count, dtype=np.int64)
+    return Refinement(T, np.zeros((count, 6, 6)), matched, np.zeros((count, 3)))
 
 
 def _keep_tracked(
@@ -107,7 +113,6 @@ def _keep_tracked(
         np.where(good[:, None, None], matches.information, before.information),
         np.where(good, matched, before.matched),
         np.where(good[:, None], matches.centre_m, before.centre_m),
-        np.where(good, matches.residual_m, before.residual_m),
     )
 
 
@@ -119,7 +124,6 @@ class _Matches:
     centre_m: FloatArray
     information: FloatArray
     gradient: FloatArray
-    residual_m: FloatArray
 
 
 def apply(T_a_b: FloatArray, point_b_m: FloatArray) -> FloatArray:
@@ -217,7 +221,6 @@ def _linearise(
         centre_m,
         weighted @ jacobian.transpose(0, 2, 1),
         (weighted @ residual_m[..., None])[..., 0],
-        typical_m,
     )
 
 

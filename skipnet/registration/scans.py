@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +17,7 @@ from skipnet.geometry import invert, principal_frame, transform_points
 from skipnet.registration.sparse_refinement import thin
 from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
+from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
 from skipnet.skipmap.tree import SkipTree, build_tree
 from skipnet.types import FeatureClass, FloatArray, IntArray
@@ -162,20 +165,37 @@ def _shipped_classifier() -> Classifier:
 
 
 def describe(
-    points_m: FloatArray, voxel_size_m: float, viewpoint: Viewpoint, seed: int = 0
-) -> Scan:
-    """Build a scan's Skip-maps, find out its viewpoint and read off its planes.
+    clouds_m: Sequence[FloatArray],
+    viewpoints: Sequence[Viewpoint],
+    voxel_size_m: float | None = None,
+    seed: int = 0,
+) -> list[Scan]:
+    """Describe scans with one voxel size, each in a thread of its own.
 
     Args:
-        points_m: (N, 3) points, in any frame.
-        voxel_size_m: edge of a voxel at the middle level.
-        viewpoint: see ``Viewpoint``; in the frame of the points.
+        clouds_m: (N, 3) points of each scan, in any frame.
+        viewpoints: see ``Viewpoint``; of each scan, in the frame of its points.
+        voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
         seed: of the order in which the judge samples voxels.
     """
-    T_given_own = principal_frame(points_m)
+    with ThreadPoolExecutor() as pool:
+        frames = list(pool.map(principal_frame, clouds_m))
+        if voxel_size_m is None:
+            voxel_size_m = choose_voxel_size(*clouds_m, T_given_own=frames)
+        one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed)
+        return list(pool.map(one, clouds_m, viewpoints, frames))
+
+
+def _describe_one(
+    points_m: FloatArray,
+    viewpoint: Viewpoint,
+    T_given_own: FloatArray,
+    voxel_size_m: float,
+    seed: int,
+) -> Scan:
+    """Build a scan's Skip-maps, find out its viewpoint and read off its planes."""
     T_own_given = invert(T_given_own)
-    points_m = transform_points(T_own_given, points_m)
-    fine_tree = build_tree(points_m, voxel_size_m / 2)
+    fine_tree = build_tree(points_m, voxel_size_m / 2, T_tree_points=T_own_given)
     tree = fine_tree.coarser()
     skipmap = skipmap_of_tree(tree)
     if isinstance(viewpoint, str):
@@ -185,11 +205,12 @@ def describe(
     else:
         viewpoint_m = None
     skipmap = skipmap.seen_from(viewpoint_m)
+    rng = np.random.default_rng(seed)
     return Scan(
         T_given_own=T_given_own,
         skipmap=skipmap,
         coarse=skipmap_of_tree(tree.coarser(), skipmap.viewpoint_m),
         fine_tree=fine_tree,
-        evidence=build_evidence(skipmap, points_m, np.random.default_rng(seed)),
+        evidence=build_evidence(skipmap, points_m, rng, T_own_given),
         planes=find_planes(skipmap),
     )

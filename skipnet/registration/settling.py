@@ -11,40 +11,67 @@ from skipnet.registration.scans import Scan
 from skipnet.registration.sliding import slide, slides_freely
 from skipnet.registration.sparse_refinement import refine_sparse
 from skipnet.registration.verdict import Findings, decide, holds, is_weak
-from skipnet.registration.verification import FINE, ROUGH, Score, Strictness, distinct, judge
+from skipnet.registration.verification import (
+    FINE,
+    ROUGH,
+    STRAY_SHARE,
+    Score,
+    Strictness,
+    distinct,
+    judge,
+)
 from skipnet.types import FloatArray, IntArray
 
-AMBIGUOUS_LEAD = 0.15
+AMBIGUOUS_LEAD = 0.1
 """A rival whose score comes within this share of the best one's explains the data as well."""
+HARMLESS_OVERLAP = 0.2
+"""... and so does one that contradicts nothing, if this much agrees and the best pose does ..."""
+HARMFUL_VIOLATION = 0.003
+"""... contradict what was seen, by this share of all voxels and more."""
 CHANCE_SCORE = 0.1
 """What some pose always scores: a lead counts against this, though no rival be found."""
+FINALISTS = 10
+"""Distinct poses that stay in the running when the next generator is asked."""
 SPARSE_FINALISTS = 6
 """Candidates of sparse scans that are worth fine alignment by GICP, which takes one at a time."""
-SLIDING_FINALISTS = 4
+SLIDING_FINALISTS = 6
 """Candidates that are worth sliding along directions that few normals hold."""
 
 
 def settle(
-    candidates: FloatArray, source: Scan, target: Scan, config: RegistrationConfig
+    before: Answer,
+    fresh: FloatArray,
+    source: Scan,
+    target: Scan,
+    config: RegistrationConfig,
 ) -> Answer:
-    """Refine the candidates a little, judge them again with all evidence, and decide."""
-    if len(candidates) == 0:
-        return Answer.none()
+    """Refine the candidates a little, judge them again with all evidence, and decide.
+
+    Args:
+        before: the answer so far; its best poses stay in the running.
+        fresh: (C, 4, 4) new candidates.
+        source: the source scan.
+        target: the target scan.
+        config: how many samples to use, and the judge's weight.
+    """
+    coarse = np.concatenate([before.coarse, fresh])
+    if len(coarse) == 0:
+        return before
     bench = _Bench(source, target, config)
     levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
-    fine = refine(candidates, levels, samples=config.refine_samples, max_steps=5)
+    start = np.concatenate([before.finalists, fresh])
+    fine = refine(start, levels, samples=config.refine_samples, max_steps=5)
     if bench.is_sparse:
         rough = bench.judge(fine.T_target_source, ROUGH)
         best = np.argsort(-rough.total, kind="stable")[:SPARSE_FINALISTS]
-        fine, candidates = fine[best], candidates[best]
+        fine, coarse = fine[best], coarse[best]
         fine = refine_sparse(fine, source.thinned, target.thinned, bench.voxel_size_m)
     T, score = bench.slide(fine, bench.judge(fine.T_target_source))
     kept = bench.distinct(T, score)
     fine = fine[kept[:1]] if bench.is_sparse else polish(T[kept[0]], source, target)
     findings = bench.summarise(fine, T, score, kept)
-    return Answer(
-        candidates, fine.T_target_source[0], candidates[kept[0]], decide(findings), findings
-    )
+    kept = kept[:FINALISTS]
+    return Answer(coarse[kept], T[kept], fine.T_target_source[0], decide(findings), findings)
 
 
 def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinement:
@@ -102,6 +129,10 @@ class _Bench:
         best, rivals = kept[0], kept[1:]
         top = max(float(score.total[best]), 1e-9)
         lead = 1 - score.total[rivals] / top
+        harmless = (score.violation[rivals] <= STRAY_SHARE) & (
+            score.overlap[rivals] >= HARMLESS_OVERLAP
+        )
+        harmless &= score.violation[best] >= HARMFUL_VIOLATION
         closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
         share, directions = holds(fine.information[0], fine.matched[0])
         free = [
@@ -115,6 +146,7 @@ class _Bench:
             margin=float(max(1 - closest / top, 0.0)),
             matched=int(fine.matched[0]),
             held_voxels=float(share[0] * fine.matched[0]),
+            covariance=fine.covariance[0],
             free_directions=np.array(free).reshape(-1, 3),
-            alternatives=T_target_source[rivals[lead < AMBIGUOUS_LEAD]],
+            alternatives=T_target_source[rivals[(lead < AMBIGUOUS_LEAD) | harmless]],
         )

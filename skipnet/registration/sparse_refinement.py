@@ -16,7 +16,7 @@ from skipnet.registration.refinement import Refinement
 from skipnet.types import FloatArray
 
 if TYPE_CHECKING:
-    from small_gicp import KdTree, PointCloud
+    from small_gicp import KdTree, PointCloud, RegistrationResult
 
 NEIGHBOURS = 10
 """Points that make a surface: enough to bridge two scan lines."""
@@ -48,36 +48,45 @@ def refine_sparse(
         target: likewise.
         voxel_size_m: edge of a voxel.
     """
-    from small_gicp import align
-
     T, information = before.T_target_source.copy(), before.information.copy()
-    matched, residual_m = before.matched.copy(), before.residual_m.copy()
+    matched, centre_m = before.matched.copy(), before.centre_m.copy()
     centre_source_m = np.asarray(source[0].points())[:, :3].mean(axis=0)
-    centre_m = before.centre_m.copy()
     for row, start in enumerate(before.T_target_source):
-        pose = start
-        for reach_voxels in REACHES_VOXELS:
-            found = align(
-                target[0],
-                source[0],
-                target[1],
-                pose,
-                max_correspondence_distance=reach_voxels * voxel_size_m,
-                max_iterations=50,
-                translation_epsilon=1e-4 * voxel_size_m,
-                rotation_epsilon=1e-5,
-            )
-            pose = found.T_target_source
+        found = _align(start, source, target, voxel_size_m)
         shift_m = (found.T_target_source - start)[:3] @ np.append(centre_source_m, 1)
-        if found.num_inliers == 0 or np.linalg.norm(shift_m) > MAX_SHIFT_VOXELS * voxel_size_m:
+        ran_away = np.linalg.norm(shift_m) > MAX_SHIFT_VOXELS * voxel_size_m
+        if found.num_inliers == 0 or ran_away:
             continue
         T[row], matched[row] = found.T_target_source, found.num_inliers
-        information[row] = _in_target_axes(found.H, found.T_target_source, centre_source_m)
-        # Mean squared Mahalanobis distance: what the unscaled covariances left open.
-        variance = max(2 * found.error / found.num_inliers, 1e-12)
-        information[row] /= variance
-        residual_m[row] = 0.0
-    return Refinement(T, information, matched, centre_m, residual_m)
+        centre_m[row] = (T[row] @ np.append(centre_source_m, 1))[:3]
+        # Mean squared Mahalanobis distance: the scale that the covariances leave open.
+        scale = max(2 * found.error / found.num_inliers, 1e-12)
+        information[row] = _in_target_axes(found.H, T[row], centre_source_m) / scale
+    return Refinement(T, information, matched, centre_m)
+
+
+def _align(
+    T_target_source: FloatArray,
+    source: tuple[PointCloud, KdTree],
+    target: tuple[PointCloud, KdTree],
+    voxel_size_m: float,
+) -> RegistrationResult:
+    """One pose by GICP, with ever closer correspondences."""
+    from small_gicp import align
+
+    for reach_voxels in REACHES_VOXELS:
+        found = align(
+            target[0],
+            source[0],
+            target[1],
+            T_target_source,
+            max_correspondence_distance=reach_voxels * voxel_size_m,
+            max_iterations=50,
+            translation_epsilon=1e-4 * voxel_size_m,
+            rotation_epsilon=1e-5,
+        )
+        T_target_source = found.T_target_source
+    return found
 
 
 def _in_target_axes(H: FloatArray, T_target_source: FloatArray, centre_m: FloatArray) -> FloatArray:

@@ -38,6 +38,9 @@ class Findings:
     """Correspondences of the fine alignment."""
     held_voxels: float
     """Voxels, in effect, that face the direction in which the pose is held least."""
+    covariance: FloatArray
+    """(6, 6) of the pose as the matched surfaces' scatter predicts it: rotation (rad) about their
+    centre, then translation (m), in the target's axes."""
     free_directions: FloatArray
     """(F, 3) unit directions in the target's frame along which the data let the pose slide."""
     alternatives: FloatArray

@@ -94,18 +94,28 @@ class Score:
     """Mean of both ways' shares that contradict seen free space, 0 to 1."""
 
 
-def build_evidence(skipmap: SkipMap, points_m: FloatArray, rng: np.random.Generator) -> Evidence:
+def build_evidence(
+    skipmap: SkipMap,
+    points_m: FloatArray,
+    rng: np.random.Generator,
+    T_own_points: FloatArray | None = None,
+) -> Evidence:
     """Prepare a scan for ``judge``.
 
     Args:
         skipmap: the scan's Skip-map.
         points_m: (N, 3) the scan itself, for its range image.
         rng: draws the order in which voxels are sampled.
+        T_own_points: (4, 4) from the frame of the points to the Skip-map's; None where these are
+            one.
     """
     viewpoint_m = skipmap.viewpoint_m
     points, normals = (a.astype(np.float32) for a in (skipmap.centroids_m, skipmap.normals))
     offsets_m = np.einsum("vi,vi->v", points, normals)
     order = rng.permutation(len(skipmap))
+    range_image = (
+        None if viewpoint_m is None else build_range_image(points_m, viewpoint_m, T_own_points)
+    )
     return Evidence(
         points_m=np.ascontiguousarray(points[order].T),
         normals=np.ascontiguousarray(normals[order].T),
@@ -114,7 +124,7 @@ def build_evidence(skipmap: SkipMap, points_m: FloatArray, rng: np.random.Genera
         oriented=viewpoint_m is not None,
         surfaces=np.column_stack([normals, offsets_m]),
         near=build_surface_table(skipmap),
-        range_image=None if viewpoint_m is None else build_range_image(points_m, viewpoint_m),
+        range_image=range_image,
     )
 
 

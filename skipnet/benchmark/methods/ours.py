@@ -13,7 +13,12 @@ FINE_STAGES = ("fine alignment",)
 """Stages of ``Registration.timings_s`` in the paper's split; the others make voxels and map."""
 
 
-def make(voxel_size_m: float | None = None, seed: int = 0, **options: Any) -> Method:
+def make(
+    voxel_size_m: float | None = None,
+    voxel_scale: float = 1.0,
+    seed: int = 0,
+    **options: Any,
+) -> Method:
     """skipnet's registration; its modules are imported here, before any pair is timed.
 
     It is given what ``register.py`` would have: the clouds alone. Where the sensors stood it must
@@ -21,6 +26,7 @@ def make(voxel_size_m: float | None = None, seed: int = 0, **options: Any) -> Me
 
     Args:
         voxel_size_m: None chooses it from the data.
+        voxel_scale: multiplies that choice, for ablations.
         seed: of the registration's random choices.
         **options: fields of ``skipnet.config.RegistrationConfig``, the others keep their defaults.
     """
@@ -29,6 +35,7 @@ def make(voxel_size_m: float | None = None, seed: int = 0, **options: Any) -> Me
 
     from skipnet.config import RegistrationConfig
     from skipnet.registration.pipeline import register
+    from skipnet.skipmap.resolution import choose_voxel_size
 
     try:
         merged = OmegaConf.merge(OmegaConf.structured(RegistrationConfig), options)
@@ -38,8 +45,11 @@ def make(voxel_size_m: float | None = None, seed: int = 0, **options: Any) -> Me
 
     def run(task: Task) -> Estimate:
         started = time.perf_counter()
+        size_m = voxel_size_m
+        if size_m is None and voxel_scale != 1.0:
+            size_m = voxel_scale * choose_voxel_size(task.source_m, task.target_m)
         result = register(
-            task.source_m, task.target_m, voxel_size_m=voxel_size_m, seed=seed, config=config
+            task.source_m, task.target_m, voxel_size_m=size_m, seed=seed, config=config
         )
         return _estimate(result, time.perf_counter() - started)
 
