@@ -13,38 +13,62 @@ import pytest
 import torch
 from scipy.spatial.distance import cdist
 
+from skipnet.benchmark.methods import Task, make_method
 from skipnet.clouds.formats import _READERS
-from skipnet.features.cylinders import SECTOR_SIZE, SECTORS, choose_keypoints
-from skipnet.features.descriptors import fpfh, mutual_nearest
+from skipnet.config import EvaluateConfig
+from skipnet.features.cylinders import (
+    SECTOR_SIZE,
+    SECTORS,
+    choose_keypoints,
+    cylinder_patches,
+)
+from skipnet.features.descriptors import mutual_nearest
 from skipnet.learning.descriptor import (
     Descriptor,
     correspond,
+    describe_keypoints,
     load_descriptor,
     save_descriptor,
 )
-from skipnet.learning.descriptor_experiment import inlier_ratio, recognised
+from skipnet.learning.descriptor_network import (
+    DescriptorNetwork,
+    Similarities,
+    Widths,
+    contrastive_loss,
+    hardest_loss,
+    matchability_loss,
+)
 from skipnet.learning.descriptor_pairs import (
     PatchPairs,
+    Recipe,
     TwoScans,
     digest,
     make_patch_pairs,
     simulate_two_scans,
     true_correspondences,
 )
-from skipnet.learning.descriptor_training import (
-    DescriptorNetwork,
-    Schedule,
-    Widths,
-    contrastive_loss,
-    draw_batch,
-    train_network,
+from skipnet.learning.descriptor_scores import (
+    Keypoints,
+    Match,
+    by_fpfh,
+    by_overlap,
+    inlier_ratio,
+    keypoints_of,
+    summarise,
 )
+from skipnet.learning.descriptor_training import Outcome, Schedule, Watch, draw_batch, train_network
+from skipnet.simulation.pairs import simulate_pair
 from skipnet.types import FloatArray
 
 SHORT = Schedule(
-    steps=30, scans_per_step=1, pairs_per_scans=64, learning_rate=2e-3, temperature=0.07
+    steps=30,
+    scans_per_step=1,
+    pairs_per_scans=64,
+    learning_rate=2e-3,
+    temperature=0.07,
+    validate_every=10,
 )
-SMALL = Widths(hidden=16, output=8)
+SMALL = Widths(sector=8, hidden=16, output=8)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +84,8 @@ def training() -> list[PatchPairs]:
 
 @pytest.fixture(scope="module")
 def two_scans() -> TwoScans:
-    scans = simulate_two_scans("oblique", 20_001)
+    domes = Recipe(rings_share=0, camera_share=0, fused_share=0, voxel_octaves=0)
+    scans = simulate_two_scans("oblique", 20_001, domes)
     assert scans is not None
     return scans
 
@@ -69,8 +94,9 @@ def test_numpy_gives_what_torch_gives(patches: FloatArray) -> None:
     network = DescriptorNetwork(Widths())
     network.fit_scaling(torch.from_numpy(patches))
     with torch.no_grad():
-        expected = network(torch.from_numpy(patches)).numpy()
-    np.testing.assert_allclose(Descriptor(network.arrays(), {})(patches), expected, atol=2e-5)
+        expected = network(torch.from_numpy(patches))
+    for got, wanted in zip(Descriptor(network.arrays(), {}).read(patches), expected, strict=True):
+        np.testing.assert_allclose(got, wanted.numpy(), atol=2e-5)
 
 
 def test_a_turn_about_the_normal_changes_nothing(patches: FloatArray) -> None:
@@ -100,7 +126,7 @@ def test_mutual_nearest_is_what_all_distances_say(sizes: tuple[int, int]) -> Non
 
 
 def test_wrong_shape_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"\(K, 5, 75\), got \(3, 125\)"):
+    with pytest.raises(ValueError, match=r"\(K, 5, 50\), got \(3, 125\)"):
         load_descriptor()(np.zeros((3, 125), dtype=np.float32))
 
 
@@ -125,14 +151,10 @@ def test_correspondences_beat_fpfh_on_an_unseen_scene(two_scans: TwoScans, known
         source=two_scans.source.seen_from(viewpoint_m),
         target=two_scans.target.seen_from(viewpoint_m),
     )
-    rows_s, rows_t, distance = correspond(scans.source, scans.target, load_descriptor(), 3000)
+    rows_s, rows_t, distance = correspond(scans.source, scans.target, load_descriptor())
     assert len(np.unique(rows_s)) == len(rows_s) == len(distance)
-    keypoints = [choose_keypoints(scan, 3000) for scan in (scans.source, scans.target)]
-    of_s, of_t, _ = mutual_nearest(
-        fpfh(scans.source)[keypoints[0]], fpfh(scans.target)[keypoints[1]]
-    )
-    by_fpfh = inlier_ratio(scans, keypoints[0][of_s], keypoints[1][of_t])
-    assert inlier_ratio(scans, rows_s, rows_t) > 1.5 * by_fpfh
+    found = by_fpfh(scans, keypoints_of(scans, load_descriptor()))
+    assert inlier_ratio(scans, rows_s, rows_t) > 1.5 * inlier_ratio(scans, *found)
 
 
 def test_signs_of_normals_do_not_matter_without_a_viewpoint(two_scans: TwoScans) -> None:
@@ -156,15 +178,36 @@ def test_true_correspondences_lie_at_one_place(two_scans: TwoScans) -> None:
     assert inlier_ratio(two_scans, rows_s[:0], rows_t[:0]) == 0.0
 
 
-def test_loss_by_hand() -> None:
-    # Two places, descriptors at right angles, temperature 1: per row the partner scores 1, the
-    # other place 0 twice (in the other scan and in its own): -log(e / (e + 2)).
-    both = torch.eye(2)
-    far = ~torch.eye(2, dtype=torch.bool)
+def alike(far: torch.Tensor, descriptors: torch.Tensor | None = None) -> Similarities:
+    """Two places, descriptors at right angles unless given, the same in both scans."""
+    both = torch.eye(2) if descriptors is None else descriptors
+    return Similarities.of(both, both, far, temperature=1.0)
+
+
+APART = ~torch.eye(2, dtype=torch.bool)
+
+
+def test_contrastive_loss_by_hand() -> None:
+    # Per row the partner scores 1, the other place 0 twice (in the other scan and in its own):
+    # -log(e / (e + 2)).
     expected = -np.log(np.e / (np.e + 2))
-    assert contrastive_loss(both, both, far, 1.0).item() == pytest.approx(expected, abs=1e-6)
+    assert contrastive_loss(alike(APART)).item() == pytest.approx(expected, abs=1e-6)
     nothing_far = torch.zeros(2, 2, dtype=torch.bool)
-    assert contrastive_loss(both, both, nothing_far, 1.0).item() == pytest.approx(0, abs=1e-6)
+    assert contrastive_loss(alike(nothing_far)).item() == pytest.approx(0, abs=1e-6)
+
+
+def test_hardest_loss_by_hand() -> None:
+    # The partner leads by 1.
+    assert hardest_loss(alike(APART), margin=1.5).item() == pytest.approx(0.5)
+    assert hardest_loss(alike(APART), margin=0.5).item() == 0.0
+
+
+def test_matchability_loss_asks_for_what_was_found() -> None:
+    found, confused = alike(APART), alike(APART, torch.tensor([[1.0, 0], [1, 0]]))
+    sure = torch.full((2,), 20.0)
+    assert matchability_loss(sure, sure, found).item() < 1e-6
+    assert matchability_loss(-sure, -sure, found).item() == pytest.approx(20)
+    assert matchability_loss(sure, sure, confused).item() == pytest.approx(10)  # one of two
 
 
 def test_near_places_are_no_negatives(training: list[PatchPairs]) -> None:
@@ -175,24 +218,141 @@ def test_near_places_are_no_negatives(training: list[PatchPairs]) -> None:
     assert far[:64, 64:].all() and not far[:64, :64].all()  # other scans are always other places
 
 
+def watching(training: list[PatchPairs], losses: list[float]) -> Watch:
+    """Scores by the share of source patches whose nearest target patch is their partner."""
+
+    def score(step: int, network: DescriptorNetwork) -> float:
+        descriptor = Descriptor(network.arrays(), {})
+        pairs = training[0]
+        found = descriptor(pairs.source) @ descriptor(pairs.target).T
+        return float((found.argmax(axis=1) == np.arange(len(pairs))).mean())
+
+    return Watch(score, lambda step, loss: losses.append(loss))
+
+
+def assert_same_weights(first: Outcome, second: Outcome) -> None:
+    again = second.network.arrays()
+    for name, weight in first.network.arrays().items():
+        np.testing.assert_array_equal(weight, again[name])
+
+
 def test_data_and_training_repeat_from_the_seed_and_learn(training: list[PatchPairs]) -> None:
     again = make_patch_pairs(["closed"], range(2), per_scans=100)
     assert digest(training) == digest(again) != digest(training[:1])
     losses: list[float] = []
     first, second = (
-        train_network(data, SMALL, SHORT, 3, lambda step, loss, network: losses.append(loss))
+        train_network(data, SMALL, SHORT, 3, watching(training, losses))
         for data in (training, again)
     )
-    for name, weight in first.arrays().items():
-        np.testing.assert_array_equal(weight, second.arrays()[name])
+    assert_same_weights(first, second)
     assert np.mean(losses[25:30]) < 0.8 * np.mean(losses[:5])
-    untrained = DescriptorNetwork(SMALL)
-    assert recognised(first, training[0]) > recognised(untrained, training[0])
+    assert first.stop_reason == "all 30 steps done"
+
+
+@pytest.mark.parametrize("killed_at", [7, 10, 25])
+def test_a_killed_training_resumed_gives_the_same_weights(
+    training: list[PatchPairs], tmp_path: Path, killed_at: int
+) -> None:
+    whole = train_network(training, SMALL, SHORT, 3, watching(training, []))
+    watch = watching(training, [])
+
+    def kill(step: int, loss: float) -> None:
+        if step == killed_at:
+            raise KeyboardInterrupt
+
+    checkpoint = tmp_path / "checkpoint.pt"
+    with pytest.raises(KeyboardInterrupt):
+        train_network(training, SMALL, SHORT, 3, replace(watch, on_step=kill), checkpoint)
+    steps: list[float] = []
+    resumed = train_network(training, SMALL, SHORT, 3, watching(training, steps), checkpoint)
+    assert len(steps) == 30 - (killed_at - 1) // 10 * 10
+    assert_same_weights(whole, resumed)
+    assert (resumed.best_step, resumed.best_score) == (whole.best_step, whole.best_score)
+    with pytest.raises(ValueError, match="another output_dir"):
+        train_network(training, SMALL, SHORT, 4, watch, checkpoint)
+
+
+def test_training_stops_early_and_keeps_the_best(training: list[PatchPairs]) -> None:
+    scores = {10: 0.1, 20: 0.5, 30: 0.4, 40: 0.3, 50: 0.9}
+    patient = replace(SHORT, steps=50, patience=2)
+    watch = Watch(lambda step, network: scores[step], lambda step, loss: None)
+    outcome = train_network(training, SMALL, patient, 3, watch)
+    assert outcome.stop_reason == "no better score in 2 validations"
+    assert (outcome.best_step, outcome.best_score) == (20, 0.5)
+    twenty = train_network(
+        training,
+        SMALL,
+        replace(SHORT, steps=50),
+        3,
+        Watch(lambda step, network: float(step == 20), lambda step, loss: None),
+    )
+    assert_same_weights(outcome, twenty)
 
 
 def test_too_few_scans_for_a_step() -> None:
     with pytest.raises(ValueError, match="a step takes 1 pairs of scans"):
-        train_network([], SMALL, SHORT, 0, lambda step, loss, network: None)
+        train_network([], SMALL, SHORT, 0, watching([], []))
+
+
+@pytest.mark.parametrize("family", ["terrain", "clutter"])
+def test_scans_are_spoilt_as_the_recipe_says(family: str) -> None:
+    gentle = Recipe(0, 0, 0, voxel_octaves=0, noise_voxels=(0.0,), least_kept=1.0, holes=0)
+    harsh = replace(gentle, least_kept=0.01, holes=6)
+    whole, torn = (simulate_two_scans(family, 3, how) for how in (gentle, harsh))
+    assert whole is not None and torn is not None
+    assert whole.oriented and not np.allclose(whole.T_target_source, np.eye(4))
+    assert torn.source.counts.sum() < 0.9 * whole.source.counts.sum()
+    fused = simulate_two_scans(family, 3, replace(gentle, fused_share=1.0))
+    assert fused is not None and not fused.oriented
+
+
+def test_scores_by_hand() -> None:
+    matches = [Match(0.5, 0.95, 1.0), Match(0.04, 0.15, 3.0), Match(0.06, 0.12, 2.0)]
+    scores = summarise(matches)
+    assert scores == pytest.approx(
+        {"inlier_ratio": 0.2, "matched_pairs": 2 / 3, "seconds": 2.0, "pairs": 3}
+    )
+    groups = by_overlap(matches)
+    assert list(groups) == ["10% to 20%", "50% to 100%"]
+    assert groups["10% to 20%"]["matched_pairs"] == 0.5
+
+
+def test_the_most_matchable_keypoints_are_kept(two_scans: TwoScans) -> None:
+    descriptor, scan = load_descriptor(), two_scans.source
+    rows = choose_keypoints(scan, 500)
+    described, matchable = descriptor.read(cylinder_patches(scan, rows))
+    kept, kept_described = describe_keypoints(scan, descriptor, max_keypoints=500)
+    assert len(kept) == 300
+    inside = np.isin(rows, kept)
+    assert matchable[inside].min() >= matchable[~inside].max()
+    order = np.searchsorted(rows, kept)
+    np.testing.assert_allclose(kept_described, described[order], atol=1e-5)
+    both, _ = describe_keypoints(scan, descriptor, both_sides=True, max_keypoints=500)
+    assert len(both) == 600 and np.unique(both, return_counts=True)[1].max() == 2
+
+
+def test_matchable_keypoints_are_found_more_often(two_scans: TwoScans) -> None:
+    descriptor = load_descriptor()
+    rows_s, rows_t, _ = correspond(two_scans.source, two_scans.target, descriptor)
+    of_all = Keypoints.of(two_scans).inlier_ratio(descriptor)
+    assert inlier_ratio(two_scans, rows_s, rows_t) > of_all > 0
+
+
+def test_other_weights_enter_a_benchmark_beside_the_shipped_ones(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="weights="):
+        EvaluateConfig(weights=str(tmp_path / "absent.npz"))
+    shipped, path = load_descriptor(), tmp_path / "other.npz"
+    save_descriptor(replace(shipped, card={}), path)
+    config = EvaluateConfig(weights=str(path))
+    assert config.methods[-2:] == ["learned_sc2", "other_weights"]
+    pair = simulate_pair("clutter", 1, points=40_000).pair
+    task = Task(pair.source_m, pair.target_m, np.zeros(3), np.zeros(3))
+    answers = []
+    for name in config.methods[-2:]:
+        variant = config.variants[name]
+        answers.append(make_method(variant.adapter, dict(variant.options))(task))
+    assert answers[0].correspondences is not None
+    np.testing.assert_array_equal(answers[0].correspondences, answers[1].correspondences)
 
 
 READS = """
@@ -216,8 +376,16 @@ def test_training_data_come_from_no_file() -> None:
 
 
 def test_train_py_writes_a_descriptor_that_loads(tmp_path: Path) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
     options = ["families=[closed]", "training_pairs=2", "validation_pairs=1", "test_pairs=2"]
-    options += ["patches_per_scans=100", "patches_per_step=128", "steps=20", "workers=1"]
+    options += [
+        "patches_per_scans=100",
+        "patches_per_step=128",
+        "steps=20",
+        "workers=1",
+        "validate_every=10",
+    ]
     script = Path(__file__).parents[1] / "train.py"
     run = subprocess.run(
         [sys.executable, str(script), "experiment=descriptor", f"output_dir={tmp_path}"]
@@ -226,11 +394,15 @@ def test_train_py_writes_a_descriptor_that_loads(tmp_path: Path) -> None:
         text=True,
     )
     assert run.returncode == 0, run.stderr
-    assert "| fpfh | 2 |" in run.stdout
+    assert "| fpfh | all | 2 |" in run.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())
     card = load_descriptor(tmp_path / "descriptor.npz").card
-    assert card["scores"] == summary["unseen"] and summary["unseen"]["learned"]["pairs"] == 2
-    assert list((tmp_path / "tensorboard").iterdir())
+    assert card["scores"]["learned"] == summary["unseen"]["learned"]["all"]
+    assert card["scores"]["learned"]["pairs"] == 2
+    events = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
+    assert len(events.Scalars("inlier_ratio/validation")) == 2
+    assert len(events.Scalars("matched_pairs/validation")) == 2
+    assert list((tmp_path / "tensorboard").rglob("metadata.tsv"))
 
 
 def test_the_shipped_card_says_so() -> None:

@@ -7,6 +7,7 @@ use it, and importing torch alone would take longer than describing two scans.
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,11 @@ from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "descriptor.npz"
-MAX_KEYPOINTS = 5000
-"""Voxels described per scan: more find few further correspondences."""
-LAYERS = ("first", "second", "output")
+MAX_KEYPOINTS = 2000
+"""Voxels described per scan: more find few further correspondences and cost as much again."""
+KEPT_SHARE = 0.6
+"""Of these, the most matchable are matched: the others give far more wrong matches than right."""
+LAYERS = ("sector", "mixing", "output", "matchable")
 """Names of the network's linear layers, in order; each stores NAME_weight and NAME_bias."""
 
 
@@ -41,38 +44,78 @@ class Descriptor:
     """How it came about: configuration, data hash, seed, scores."""
 
     def __call__(self, patches: FloatArray) -> FloatArray:
-        """Descriptors of patches: the five sectors are read in each of their five cyclic orders,
-        and of every hidden unit the strongest response counts.
+        """As ``read``, the descriptors alone."""
+        return self.read(patches)[0]
 
-        So a turn about the normal by whole sectors changes nothing.
+    def read(self, patches: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Descriptors of patches, and how likely each will be found again.
+
+        Every sector is summed up by itself; the five sums are read in each of their five cyclic
+        orders, and of every hidden unit the strongest response counts. So a turn about the normal
+        by whole sectors changes nothing.
 
         Args:
-            patches: (K, 5, 75) from ``cylinder_patches``.
+            patches: (K, 5, 50) from ``cylinder_patches``.
 
         Returns:
             (K, D) float32 of length 1; the nearer two are, the likelier they show the same place.
+            (K,) float32 logits: above 0 where a patch of the same place, in another scan, is more
+            likely than not to be told from all others.
 
         Raises:
             ValueError: patches of another shape.
         """
         if patches.ndim != 3 or patches.shape[1:] != (SECTORS, SECTOR_SIZE):
             raise ValueError(f"patches must be (K, {SECTORS}, {SECTOR_SIZE}), got {patches.shape}")
-        once = patches.reshape(len(patches), -1)
-        twice = np.concatenate([once, once], axis=1)  # every cyclic order is a window of this
-        strongest = np.zeros(0, dtype=np.float32)
-        for order in range(SECTORS):
-            window = twice[:, order * SECTOR_SIZE : (order + SECTORS) * SECTOR_SIZE]
-            hidden = self._layer("first", window, rectify=True)
-            response = self._layer("second", hidden, rectify=True)
-            strongest = np.maximum(strongest, response) if order else response
-        described = self._layer("output", strongest, rectify=False)
-        length = np.linalg.norm(described, axis=1, keepdims=True)
-        return described / np.maximum(length, np.float32(1e-12))
+        hidden = self._hidden(patches)
+        described = self._layer("output", hidden)
+        described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
+        return described, self._layer("matchable", hidden)[:, 0]
 
-    def _layer(self, name: str, values: FloatArray, rectify: bool) -> FloatArray:
+    def _hidden(self, patches: FloatArray) -> FloatArray:
+        sectors = self._layer("sector", patches.reshape(-1, SECTOR_SIZE))
+        once = np.maximum(sectors, 0, out=sectors).reshape(len(patches), -1)
+        twice = np.concatenate([once, once], axis=1)  # every cyclic order is a window of this
+        units, size = once.shape[1] // SECTORS, once.shape[1]
+        mixing = self.weights["mixing_weight"]
+        strongest = once @ mixing
+        for order in range(1, SECTORS):
+            response = twice[:, order * units : order * units + size] @ mixing
+            np.maximum(strongest, response, out=strongest)
+        strongest += self.weights["mixing_bias"]
+        return np.maximum(strongest, 0, out=strongest)
+
+    def _layer(self, name: str, values: FloatArray) -> FloatArray:
         result = values @ self.weights[f"{name}_weight"]
         result += self.weights[f"{name}_bias"]
-        return np.maximum(result, 0, out=result) if rectify else result
+        return result
+
+
+def describe_keypoints(
+    skipmap: SkipMap,
+    descriptor: Descriptor,
+    both_sides: bool = False,
+    max_keypoints: int = MAX_KEYPOINTS,
+) -> tuple[IntArray, FloatArray]:
+    """The voxels of a scan that are likeliest to be recognised in another, and their descriptors.
+
+    Args:
+        skipmap: the scan's Skip-map.
+        descriptor: from ``load_descriptor``.
+        both_sides: describe each voxel with both signs of its normal.
+        max_keypoints: voxels described, the most curved ones; the most matchable are returned.
+
+    Returns:
+        (K,) rows of the Skip-map, a row twice at most if both sides are described, and (K, D).
+    """
+    rows = choose_keypoints(skipmap, max_keypoints)
+    patches = cylinder_patches(skipmap, rows)
+    if both_sides:
+        patches = np.concatenate([patches, turned_over(patches)])
+        rows = np.concatenate([rows, rows])
+    described, matchable = descriptor.read(patches)
+    kept = np.argsort(-matchable, kind="stable")[: int(np.ceil(KEPT_SHARE * len(rows)))]
+    return rows[kept], described[kept]
 
 
 def correspond(
@@ -90,19 +133,22 @@ def correspond(
         source: Skip-map of the source.
         target: Skip-map of the target.
         descriptor: from ``load_descriptor``.
-        max_keypoints: voxels described per scan, the most curved ones.
+        max_keypoints: voxels described per scan, see ``describe_keypoints``.
 
     Returns:
         (C,) rows of the source, (C,) rows of the target and (C,) distances between their
         descriptors: 0 equal, 2 opposed.
     """
-    rows_s, rows_t = (choose_keypoints(scan, max_keypoints) for scan in (source, target))
-    described_s = descriptor(cylinder_patches(source, rows_s))
-    patches_t = cylinder_patches(target, rows_t)
-    if source.viewpoint_m is None or target.viewpoint_m is None:
-        patches_t = np.concatenate([patches_t, turned_over(patches_t)])
-        rows_t = np.concatenate([rows_t, rows_t])
-    described_t = descriptor(patches_t)
+    unknown = source.viewpoint_m is None or target.viewpoint_m is None
+    with ThreadPoolExecutor(2) as pool:  # NumPy and SciPy let both scans be described at once
+        described = pool.map(
+            describe_keypoints,
+            (source, target),
+            [descriptor] * 2,
+            (False, unknown),
+            [max_keypoints] * 2,
+        )
+        (rows_s, described_s), (rows_t, described_t) = described
     of_source, of_target, distance = mutual_nearest(described_s, described_t)
     return rows_s[of_source], rows_t[of_target], distance
 

@@ -5,35 +5,35 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 
-from skipnet.config import DescriptorTrainConfig, TrainConfig
-from skipnet.features.cylinders import LEVELS, REACH_VOXELS, choose_keypoints
-from skipnet.features.descriptors import fpfh, mutual_nearest
-from skipnet.geometry import transform_points
+from skipnet.config import AugmentationConfig, DescriptorTrainConfig, TrainConfig
+from skipnet.features.cylinders import LEVELS, REACH_VOXELS
+from skipnet.learning import descriptor_scores as judging
 from skipnet.learning import reports
 from skipnet.learning.descriptor import (
+    KEPT_SHARE,
     MAX_KEYPOINTS,
     SHIPPED_WEIGHTS,
     Descriptor,
-    correspond,
     load_descriptor,
     save_descriptor,
 )
+from skipnet.learning.descriptor_network import DescriptorNetwork, Widths
 from skipnet.learning.descriptor_pairs import (
     PatchPairs,
+    Recipe,
     TwoScans,
     digest,
     make_patch_pairs,
-    simulate_two_scans,
+    make_scans,
 )
-from skipnet.learning.descriptor_training import DescriptorNetwork, Schedule, Widths, train_network
-from skipnet.types import IntArray
+from skipnet.learning.descriptor_training import Outcome, Schedule, Watch, train_network
 from skipnet.viz import dashboard
 
 if TYPE_CHECKING:
@@ -41,44 +41,46 @@ if TYPE_CHECKING:
 
 FIRST_SEED = {"training": 0, "validation": 10_000, "test": 20_000}
 """Scenes of the three sets never share a seed."""
-INLIER_VOXELS = 2.0
-"""A correspondence is right when the truth brings its voxels nearer than this."""
-ENOUGH_INLIERS = 0.05
-"""Share of right correspondences from which two scans count as matched (PPFNet, CVPR 2018)."""
-_LOGGED_STEPS, _VALIDATED_STEPS = 50, 500
+CHECKPOINT = "checkpoint.pt"
+_LOGGED_STEPS = 50
+_SHOWN_PLACES = 300
+"""Places of one pair of scans whose descriptors TensorBoard's projector shows."""
 
 
 def train_descriptor(config: TrainConfig) -> dict[str, Any]:
     """Train and judge as configured; everything is written into ``config.output_dir``.
 
+    A run that was interrupted goes on from the checkpoint in that folder.
+
     Returns:
         The summary, as in summary.json: what training reached, the scores, the seconds it took.
 
     Raises:
-        ValueError: settings that do not fit each other.
+        ValueError: settings that do not fit each other, or the checkpoint of another run.
     """
     folder, options = Path(config.output_dir), config.descriptor
     folder.mkdir(parents=True, exist_ok=True)
     reports.write_config(config, folder / "config.yaml")
     start_s = time.perf_counter()
-    training = _patch_pairs("training", options.training_pairs, options)
-    validation = _patch_pairs("validation", options.validation_pairs, options)
+    training, validation, test = make_sets(options)
     seconds = {"data": time.perf_counter() - start_s}
     with dashboard.open_dashboard(folder / "tensorboard") as writer:
-        watch = partial(log_step, writer, validation)
-        network = train_network(training, *plan(options), config.seed, watch)
-    seconds["training"] = time.perf_counter() - start_s - seconds["data"]
-    path = folder / "descriptor.npz"
-    save_descriptor(Descriptor(network.arrays(), make_card(config, training)), path)
-    descriptor = load_descriptor(path)  # judged as it will be used: rounded
-    descriptor.card["scores"] = scores = judge_on_unseen(descriptor, options)
-    save_descriptor(descriptor, path)
-    if config.ship:
-        save_descriptor(descriptor, SHIPPED_WEIGHTS)
+        watch = Progress(writer, [judging.Keypoints.of(scans) for scans in validation]).watch()
+        outcome = train_network(training, *plan(options), config.seed, watch, folder / CHECKPOINT)
+        seconds["training"] = time.perf_counter() - start_s - seconds["data"]
+        path = folder / "descriptor.npz"
+        card = make_card(config, training, outcome)
+        save_descriptor(Descriptor(outcome.network.arrays(), card), path)
+        descriptor = load_descriptor(path)  # judged as it will be used: rounded
+        scores = judge_on_unseen(descriptor, test)
+        log_embeddings(writer, descriptor, training[:4])
+    card["scores"] = {name: groups["all"] for name, groups in scores.items()}
+    for target in [path, SHIPPED_WEIGHTS] if config.ship else [path]:
+        save_descriptor(Descriptor(descriptor.weights, card), target)
     summary = {
         "experiment": config.experiment_name,
         "seed": config.seed,
-        "reached": {"stop_reason": f"all {options.steps} steps done"},
+        "reached": reached(outcome),
         "unseen": scores,
         "seconds": seconds,
     }
@@ -87,92 +89,118 @@ def train_descriptor(config: TrainConfig) -> dict[str, Any]:
     return summary
 
 
+def make_sets(
+    options: DescriptorTrainConfig,
+) -> tuple[list[PatchPairs], list[TwoScans], list[TwoScans]]:
+    """Pairs of patches to train on, pairs of scans for validation and for the test."""
+
+    def seeds(name: str) -> range:
+        count: int = getattr(options, f"{name}_pairs")
+        return range(FIRST_SEED[name], FIRST_SEED[name] + count)
+
+    families, how, workers = options.families, recipe(options.augmentation), options.workers
+    training = make_patch_pairs(
+        families, seeds("training"), options.patches_per_scans, how, workers
+    )
+    return (
+        training,
+        make_scans(families, seeds("validation"), how, workers),
+        make_scans(families, seeds("test"), how, workers),
+    )
+
+
+def recipe(options: AugmentationConfig) -> Recipe:
+    """How scans become examples under this configuration."""
+    values = dict(vars(options))
+    return Recipe(**{**values, "noise_voxels": tuple(options.noise_voxels)})
+
+
 def plan(options: DescriptorTrainConfig) -> tuple[Widths, Schedule]:
     """The network and the steps that the options ask for."""
-    widths = Widths(options.hidden_units, options.output_units)
+    widths = Widths(options.sector_units, options.hidden_units, options.output_units)
     schedule = Schedule(
         steps=options.steps,
         scans_per_step=options.scans_per_step,
         pairs_per_scans=options.patches_per_step // options.scans_per_step,
         learning_rate=options.learning_rate,
         temperature=options.temperature,
+        loss=options.loss.value,
+        validate_every=options.validate_every,
+        patience=options.patience,
     )
     return widths, schedule
 
 
-def _patch_pairs(name: str, count: int, options: DescriptorTrainConfig) -> list[PatchPairs]:
-    seeds = range(FIRST_SEED[name], FIRST_SEED[name] + count)
-    return make_patch_pairs(options.families, seeds, options.patches_per_scans, options.workers)
+@dataclass(frozen=True)
+class Progress:
+    """Shows in TensorBoard how training goes, and scores the network on unseen scans."""
 
+    writer: SummaryWriter
+    unseen: Sequence[judging.Keypoints]
 
-def log_step(
-    writer: SummaryWriter,
-    validation: Sequence[PatchPairs],
-    step: int,
-    loss: float,
-    network: DescriptorNetwork,
-) -> None:
-    """The loss, and now and then the share of unseen patches whose nearest is their partner."""
-    if step % _LOGGED_STEPS == 0:
-        dashboard.log_scalars(writer, {"loss/training": loss}, step)
-    if step % _VALIDATED_STEPS == 0:
-        found = [recognised(network, pairs) for pairs in validation]
-        dashboard.log_scalars(writer, {"recognised/validation": float(np.mean(found))}, step)
+    def watch(self) -> Watch:
+        """What ``train_network`` reports to."""
+        return Watch(score=self.score, on_step=self.log_loss)
 
+    def log_loss(self, step: int, loss: float) -> None:
+        """The loss, now and then."""
+        if step % _LOGGED_STEPS == 0:
+            dashboard.log_scalars(self.writer, {"loss/training": loss}, step)
 
-@torch.no_grad()
-def recognised(network: DescriptorNetwork, pairs: PatchPairs) -> float:
-    """Share of the source's patches whose nearest among the target's shows the same place."""
-    source, target = (network(torch.from_numpy(p).float()) for p in (pairs.source, pairs.target))
-    nearest = (source @ target.T).argmax(dim=1).numpy()
-    apart = np.linalg.norm(pairs.places[nearest] - pairs.places, axis=1)
-    return float((apart < INLIER_VOXELS).mean())
+    def score(self, step: int, network: DescriptorNetwork) -> float:
+        """Mean inlier ratio on the unseen scans; also logged, with the share of matched pairs."""
+        descriptor = Descriptor(network.arrays(), {})
+        ratios = np.array([keypoints.inlier_ratio(descriptor) for keypoints in self.unseen])
+        matched = (ratios >= judging.ENOUGH_INLIERS).mean()
+        values = {
+            "inlier_ratio/validation": float(ratios.mean()),
+            "matched_pairs/validation": float(matched),
+        }
+        dashboard.log_scalars(self.writer, values, step)
+        return float(ratios.mean())
 
 
 def judge_on_unseen(
-    descriptor: Descriptor, options: DescriptorTrainConfig
-) -> dict[str, dict[str, float]]:
-    """Mean inlier ratio and share of matched pairs on test scenes, of this descriptor and FPFH."""
-    ratios: dict[str, list[float]] = {"learned": [], "fpfh": []}
-    for seed in range(FIRST_SEED["test"], FIRST_SEED["test"] + options.test_pairs):
-        scans = simulate_two_scans(options.families[seed % len(options.families)], seed)
-        if scans is None:
-            continue
-        rows_s, rows_t, _ = correspond(scans.source, scans.target, descriptor)
-        ratios["learned"].append(inlier_ratio(scans, rows_s, rows_t))
-        ratios["fpfh"].append(inlier_ratio(scans, *_correspond_by_fpfh(scans)))
+    descriptor: Descriptor, test: Sequence[TwoScans]
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Scores of this descriptor and of FPFH on the same keypoints, in all and by overlap."""
+    matches: dict[str, list[judging.Match]] = {"learned": [], "fpfh": []}
+    for scans in test:
+        keypoints = judging.keypoints_of(scans, descriptor)
+        learned = partial(judging.by_network, descriptor=descriptor)
+        matches["learned"].append(judging.match(scans, learned))
+        fpfh = partial(judging.by_fpfh, keypoints=keypoints)
+        if not matches["fpfh"]:
+            fpfh(scans)  # what it imports is no part of its time
+        matches["fpfh"].append(judging.match(scans, fpfh))
     return {
-        name: {
-            "inlier_ratio": float(np.mean(values)),
-            "matched_pairs": float(np.mean(np.array(values) >= ENOUGH_INLIERS)),
-            "pairs": len(values),
-        }
-        for name, values in ratios.items()
+        name: {"all": judging.summarise(found), **judging.by_overlap(found)}
+        for name, found in matches.items()
     }
 
 
-def _correspond_by_fpfh(scans: TwoScans) -> tuple[IntArray, IntArray]:
-    """FPFH's correspondences between the same keypoints."""
-    keypoints = [choose_keypoints(scan, MAX_KEYPOINTS) for scan in (scans.source, scans.target)]
-    of_source, of_target, _ = mutual_nearest(
-        fpfh(scans.source)[keypoints[0]], fpfh(scans.target)[keypoints[1]]
+def log_embeddings(
+    writer: SummaryWriter, descriptor: Descriptor, training: Sequence[PatchPairs]
+) -> None:
+    """Descriptors for TensorBoard's projector: the two of one place shall lie side by side."""
+    rows, labels = [], []
+    for scene, pairs in enumerate(training):
+        for scan, patches in (("source", pairs.source), ("target", pairs.target)):
+            some = patches[:_SHOWN_PLACES].astype(np.float32)
+            rows.append(descriptor(some))
+            labels += [[f"{scene}", f"{place}", scan] for place in range(len(some))]
+    dashboard.log_embedding(
+        writer, "descriptors", np.concatenate(rows), labels, ["scene", "place", "scan"]
     )
-    return keypoints[0][of_source], keypoints[1][of_target]
 
 
-def inlier_ratio(scans: TwoScans, rows_s: IntArray, rows_t: IntArray) -> float:
-    """Share of correspondences that are right; 0 when there are none."""
-    if len(rows_s) == 0:
-        return 0.0
-    moved_m = transform_points(scans.T_target_source, scans.source.centroids_m[rows_s])
-    apart_m = np.linalg.norm(moved_m - scans.target.centroids_m[rows_t], axis=1)
-    return float((apart_m < INLIER_VOXELS * scans.source.voxel_size_m).mean())
-
-
-def make_card(config: TrainConfig, training: Sequence[PatchPairs]) -> dict[str, Any]:
+def make_card(
+    config: TrainConfig, training: Sequence[PatchPairs], outcome: Outcome
+) -> dict[str, Any]:
     """What the weights are, without their scores."""
     return {
         "patch": {"levels": list(LEVELS), "reach_voxels": REACH_VOXELS},
+        "keypoints": {"described": MAX_KEYPOINTS, "kept_share": KEPT_SHARE},
         "seed": config.seed,
         "training_data": {
             "origin": "simulation only: no real scan took part",
@@ -180,14 +208,27 @@ def make_card(config: TrainConfig, training: Sequence[PatchPairs]) -> dict[str, 
             "pairs_of_patches": sum(len(pairs) for pairs in training),
             "digest": digest(training),
         },
+        "reached": reached(outcome),
         "config": reports.plain(config)["descriptor"],
     }
 
 
-def markdown_table(scores: dict[str, dict[str, float]]) -> str:
-    """One line per descriptor."""
-    lines = ["| descriptor | unseen pairs | inlier ratio | matched pairs |", "|---|---:|---:|---:|"]
-    for name, score in scores.items():
-        cells = f"{score['pairs']} | {score['inlier_ratio']:.3f} | {score['matched_pairs']:.3f}"
-        lines.append(f"| {name} | {cells} |")
+def reached(outcome: Outcome) -> dict[str, Any]:
+    """Why training ended and where it was best."""
+    return {
+        "stop_reason": outcome.stop_reason,
+        "best_step": outcome.best_step,
+        "validation_inlier_ratio": outcome.best_score,
+    }
+
+
+def markdown_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
+    """One line per descriptor and range of overlap."""
+    head = "| descriptor | overlap | unseen pairs | inlier ratio | matched pairs | time (ms) |"
+    lines = [head, "|---|---|---:|---:|---:|---:|"]
+    for name, groups in scores.items():
+        for overlap, score in groups.items():
+            figures = f"{score['inlier_ratio']:.3f} | {score['matched_pairs']:.3f}"
+            cells = f"{score['pairs']} | {figures} | {1000 * score['seconds']:.0f}"
+            lines.append(f"| {name} | {overlap} | {cells} |")
     return "\n".join(lines) + "\n"

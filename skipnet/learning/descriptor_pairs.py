@@ -7,11 +7,12 @@ coincide under the known motion become pairs of patches.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, build_skipmap
 from skipnet.types import FloatArray, IntArray
 
+T = TypeVar("T")
 SAME_PLACE_VOXELS = 0.7
 """Voxels of two scans show the same place when their centroids are nearer, and ..."""
 SAME_PLACE_COSINE = 0.8
@@ -30,10 +32,35 @@ SAME_PLACE_COSINE = 0.8
 MIN_POINTS = 3000
 """A scan with fewer points left teaches nothing."""
 MIN_CORRESPONDENCES = 100
-_CURVED_SHARE = 0.8
-"""Most pairs are drawn by curvature, as keypoints are; the rest evenly."""
-_TURNED_SHARE = 0.4
-"""Pairs of scans seen from the back of their surfaces: without a viewpoint, any side may be up."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How scenes are scanned, spoilt and cut into examples; every share is one of pairs of scans.
+
+    All lengths follow the voxel size, which is drawn too: so nothing here has a scale.
+    """
+
+    rings_share: float = 0.25
+    """Taken by a spinning scanner of 16 channels."""
+    camera_share: float = 0.25
+    """Seen by two cameras of a narrow view that look at about the same point."""
+    fused_share: float = 0.2
+    """Fused from two places each, so that the normals' sides mean nothing."""
+    aim_error: float = 0.2
+    """How far apart the cameras aim, as a share of their distance from the point."""
+    voxel_octaves: float = 1.0
+    """The usual voxel size is multiplied by a power of two between minus and plus this."""
+    noise_voxels: tuple[float, ...] = (0.0, 0.05, 0.15)
+    """Deviations of the points' noise, one of which is drawn."""
+    least_kept: float = 0.3
+    """Between this share of the points and all of them are kept, in each scan another."""
+    holes: int = 6
+    """Up to so many balls of points are taken out of each scan, as by things in front of it."""
+    curved_share: float = 0.8
+    """So many of the examples are drawn by curvature, as keypoints are; the rest evenly."""
+    turned_share: float = 0.4
+    """Seen from the back of their surfaces: without a viewpoint, any side may be up."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +80,9 @@ class PatchPairs:
     """K pairs of patches from one pair of scans; row k of every array shows the same place."""
 
     source: FloatArray
-    """(K, 5, 75) float16."""
+    """(K, 5, 50) float16."""
     target: FloatArray
-    """(K, 5, 75) float16."""
+    """(K, 5, 50) float16."""
     places: FloatArray
     """(K, 3) float32 where they are, in voxels: near ones are no examples of different places."""
 
@@ -64,7 +91,11 @@ class PatchPairs:
 
 
 def make_patch_pairs(
-    families: Sequence[str], seeds: Iterable[int], per_scans: int, workers: int = 1
+    families: Sequence[str],
+    seeds: Iterable[int],
+    per_scans: int,
+    recipe: Recipe = Recipe(),
+    workers: int = 1,
 ) -> list[PatchPairs]:
     """Simulate pairs of scans of the families in turn and cut out pairs of patches.
 
@@ -73,6 +104,7 @@ def make_patch_pairs(
             their number.
         seeds: of the scenes and of all that is drawn for them.
         per_scans: pairs of patches from one pair of scans, at most.
+        recipe: of the scans.
         workers: processes; the result is the same for any number of them.
 
     Returns:
@@ -81,15 +113,31 @@ def make_patch_pairs(
     Raises:
         ValueError: no family, or a family that does not exist.
     """
+    work = partial(_pairs_of_scene, per_scans, recipe)
+    return [pairs for pairs in _each_scene(work, families, seeds, workers) if pairs is not None]
+
+
+def make_scans(
+    families: Sequence[str], seeds: Iterable[int], recipe: Recipe = Recipe(), workers: int = 1
+) -> list[TwoScans]:
+    """As ``make_patch_pairs``, the scans themselves: those that are left with enough points."""
+    work = partial(simulate_two_scans, recipe=recipe)
+    return [scans for scans in _each_scene(work, families, seeds, workers) if scans is not None]
+
+
+def _each_scene(
+    work: Callable[[str, int], T], families: Sequence[str], seeds: Iterable[int], workers: int
+) -> list[T]:
+    """What ``work`` makes of every seed and its family, in order."""
     if not families:
         raise ValueError("no scenes: give at least one family")
-    work = partial(_pairs_of_scene, tuple(families), per_scans)
+    seeds = list(seeds)
+    names = [families[seed % len(families)] for seed in seeds]
     if workers == 1:
-        made = [work(seed) for seed in seeds]
-    else:  # fresh processes: a forked one would inherit the locks of Open3D's and torch's threads
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            made = list(pool.map(work, seeds, chunksize=4))
-    return [pairs for pairs in made if pairs is not None]
+        return list(map(work, names, seeds))
+    # Fresh processes: a forked one would inherit the locks of Open3D's and torch's threads.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        return list(pool.map(work, names, seeds, chunksize=4))
 
 
 def digest(pairs: Sequence[PatchPairs]) -> str:
@@ -101,31 +149,33 @@ def digest(pairs: Sequence[PatchPairs]) -> str:
     return sha.hexdigest()[:16]
 
 
-def simulate_two_scans(family: str, seed: int) -> TwoScans | None:
-    """Two scans of scene ``seed``; None when too little is left of them.
-
-    Scanner, field of view, density, noise and voxel size (half to twice the usual one) are drawn
-    anew for every seed; a quarter of the domes are fused from two places each.
-    """
+def simulate_two_scans(family: str, seed: int, recipe: Recipe = Recipe()) -> TwoScans | None:
+    """Two scans of scene ``seed``, spoilt as the recipe says; None when too little is left."""
     rng = np.random.default_rng([seed, 1])
-    scanner = "rings" if rng.random() < 0.25 else "terrestrial"
-    view = "dome" if scanner == "rings" else rng.choice(["dome", "camera"], p=[0.7, 0.3])
-    fused = view == "dome" and rng.random() < 0.25
-    beams = None if scanner == "rings" else int(rng.choice([60_000, 200_000, 400_000]))
-    if view == "camera":
-        beams = 800_000  # of which it keeps a tenth or two
-    scans, _ = simulate_scans(family, seed, 4 if fused else 2, scanner, "any", beams)
+    kinds = {
+        "rings": recipe.rings_share,
+        "camera": recipe.camera_share,
+        "fused": recipe.fused_share,
+    }
+    chances = [*kinds.values(), 1 - sum(kinds.values())]
+    kind = rng.choice([*kinds, "dome"], p=chances)
+    # Of a camera's beams its narrow view keeps a tenth or two.
+    few_or_many = int(rng.choice([60_000, 200_000, 400_000]))
+    beams = {"rings": None, "camera": 800_000}.get(kind, few_or_many)
+    scanner = "rings" if kind == "rings" else "terrestrial"
+    scans, _ = simulate_scans(family, seed, 4 if kind == "fused" else 2, scanner, "any", beams)
     T_target_source = invert(scans[0].T_world_sensor) @ scans[1].T_world_sensor
-    clouds_m = _fused(scans) if fused else [scan.points_m for scan in scans]
-    if view == "camera":
-        clouds_m = _fields_of_view(clouds_m, T_target_source, rng)
+    clouds_m = _fused(scans) if kind == "fused" else [scan.points_m for scan in scans]
+    if kind == "camera":
+        clouds_m = _fields_of_view(clouds_m, T_target_source, recipe.aim_error, rng)
     if min(len(cloud_m) for cloud_m in clouds_m) < MIN_POINTS:
         return None
-    voxel_size_m = choose_voxel_size(clouds_m[1], clouds_m[0]) * 2 ** rng.uniform(-1, 1)
-    noise_m = voxel_size_m * rng.choice([0.0, 0.05, 0.15])
-    degraded_m = [_degrade(cloud_m, noise_m, rng) for cloud_m in clouds_m]
-    target, source = (build_skipmap(points_m, voxel_size_m, np.zeros(3)) for points_m in degraded_m)
-    return TwoScans(source, target, T_target_source, oriented=not fused)
+    usual_m = choose_voxel_size(clouds_m[1], clouds_m[0])
+    voxel_size_m = usual_m * 2 ** rng.uniform(-recipe.voxel_octaves, recipe.voxel_octaves)
+    noise_m = voxel_size_m * rng.choice(recipe.noise_voxels)
+    spoilt_m = [_spoil(cloud_m, voxel_size_m, noise_m, recipe, rng) for cloud_m in clouds_m]
+    target, source = (build_skipmap(points_m, voxel_size_m, np.zeros(3)) for points_m in spoilt_m)
+    return TwoScans(source, target, T_target_source, oriented=kind != "fused")
 
 
 def true_correspondences(scans: TwoScans) -> tuple[IntArray, IntArray, FloatArray]:
@@ -159,28 +209,42 @@ def _fused(scans: Sequence[SimulatedScan]) -> list[FloatArray]:
 
 
 def _fields_of_view(
-    clouds_m: list[FloatArray], T_target_source: FloatArray, rng: np.random.Generator
+    clouds_m: list[FloatArray],
+    T_target_source: FloatArray,
+    aim_error: float,
+    rng: np.random.Generator,
 ) -> list[FloatArray]:
     """What two cameras of a narrow view keep that look at about the same point."""
     focus_m = clouds_m[0][rng.integers(len(clouds_m[0]))]
     half_angle_rad = np.deg2rad(rng.uniform(25, 50))
     kept = []
     for cloud_m, T_target_cloud in zip(clouds_m, [np.eye(4), T_target_source], strict=True):
-        aim_m = focus_m + rng.normal(0, 0.3, 3)
-        axis_m = transform_points(invert(T_target_cloud), aim_m[None])[0]
+        axis_m = transform_points(invert(T_target_cloud), focus_m[None])[0]
+        axis_m = axis_m + rng.normal(0, aim_error, 3) * np.linalg.norm(axis_m)
         cosine = cloud_m @ axis_m / np.linalg.norm(cloud_m, axis=1) / np.linalg.norm(axis_m)
         kept.append(cloud_m[cosine > np.cos(half_angle_rad)])
     return kept
 
 
-def _degrade(points_m: FloatArray, noise_m: float, rng: np.random.Generator) -> FloatArray:
-    """Keep 30 to 100 % of the points and shake them."""
-    kept_m = points_m[rng.random(len(points_m)) < rng.uniform(0.3, 1.0)]
-    return kept_m + rng.normal(0, noise_m, kept_m.shape)
+def _spoil(
+    points_m: FloatArray,
+    voxel_size_m: float,
+    noise_m: float,
+    recipe: Recipe,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Thin the points out, tear holes and shake what is left."""
+    points_m = points_m[rng.random(len(points_m)) < rng.uniform(recipe.least_kept, 1.0)]
+    whole = np.ones(len(points_m), dtype=bool)
+    for middle_m in points_m[rng.integers(len(points_m), size=rng.integers(recipe.holes + 1))]:
+        radius_m = voxel_size_m * rng.uniform(2, 12)
+        whole &= ((points_m - middle_m) ** 2).sum(axis=1) > radius_m**2
+    left_m = points_m[whole]
+    return left_m + rng.normal(0, noise_m, left_m.shape)
 
 
-def _pairs_of_scene(families: Sequence[str], per_scans: int, seed: int) -> PatchPairs | None:
-    scans = simulate_two_scans(families[seed % len(families)], seed)
+def _pairs_of_scene(per_scans: int, recipe: Recipe, family: str, seed: int) -> PatchPairs | None:
+    scans = simulate_two_scans(family, seed, recipe)
     if scans is None:
         return None
     rows_s, rows_t, agree = true_correspondences(scans)
@@ -188,13 +252,14 @@ def _pairs_of_scene(families: Sequence[str], per_scans: int, seed: int) -> Patch
         return None
     rng = np.random.default_rng([seed, 2])
     curved = scans.source.curvatures[rows_s] + 1e-4
-    chance = _CURVED_SHARE * curved / curved.sum() + (1 - _CURVED_SHARE) / len(curved)
+    chance = recipe.curved_share * curved / curved.sum()
+    chance += (1 - recipe.curved_share) / len(curved)
     drawn = rng.choice(len(rows_s), min(per_scans, len(rows_s)), replace=False, p=chance)
     rows_s, rows_t, agree = rows_s[drawn], rows_t[drawn], agree[drawn]
     source = cylinder_patches(scans.source, rows_s)
     target = cylinder_patches(scans.target, rows_t)
     target = np.where(agree[:, None, None] < 0, turned_over(target), target)
-    if rng.random() < _TURNED_SHARE:
+    if rng.random() < recipe.turned_share:
         source, target = turned_over(source), turned_over(target)
     places = scans.source.centroids_m[rows_s] / scans.source.voxel_size_m
     return PatchPairs(

@@ -1,32 +1,37 @@
-"""Train the descriptor: patches of one place shall be nearer than any of different places."""
+"""Train the descriptor: patches of one place shall be nearer than any of different places.
+
+Training can be interrupted: what it needs to go on is in one checkpoint, and a run that was stopped
+and resumed ends with the same weights, to the bit, as one that was not.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
-from torch.nn.functional import cross_entropy, normalize
 
-from skipnet.features.cylinders import SECTOR_SIZE, SECTORS
-from skipnet.learning.descriptor import LAYERS
-from skipnet.learning.descriptor_pairs import PatchPairs
-from skipnet.types import FloatArray
+from skipnet.clouds.atomic import replacing
+from skipnet.learning.descriptor_network import (
+    DescriptorNetwork,
+    Similarities,
+    Widths,
+    contrastive_loss,
+    hardest_loss,
+    matchability_loss,
+)
+from skipnet.learning.descriptor_pairs import PatchPairs, digest
 
 FAR_VOXELS = 4.0
 """Places nearer than this to each other are neither the same nor different."""
-_MASKED = -1e4
-
-
-@dataclass(frozen=True)
-class Widths:
-    """Units of the network's layers."""
-
-    hidden: int = 128
-    output: int = 32
+LOSSES: dict[str, Callable[[Similarities], torch.Tensor]] = {
+    "contrastive": contrastive_loss,
+    "hardest": hardest_loss,
+}
 
 
 @dataclass(frozen=True)
@@ -42,74 +47,32 @@ class Schedule:
     """Its maximum; it rises over the first tenth and falls to 0 along half a cosine."""
     temperature: float
     """Cosine similarity that changes the odds e-fold."""
+    loss: str = "contrastive"
+    """One of ``LOSSES``."""
+    validate_every: int = 250
+    """Steps from one validation, and checkpoint, to the next."""
+    patience: int = 0
+    """Validations without a better score after which training ends; 0 never ends it early."""
 
 
-class DescriptorNetwork(nn.Module):
-    """The network of ``skipnet.learning.descriptor.Descriptor`` in torch.
+@dataclass(frozen=True)
+class Watch:
+    """What is told of the training, and what it is told."""
 
-    Args:
-        widths: units of its layers.
-    """
-
-    input_mean: torch.Tensor
-    input_gain: torch.Tensor
-
-    def __init__(self, widths: Widths) -> None:
-        super().__init__()
-        self.first = nn.Linear(SECTORS * SECTOR_SIZE, widths.hidden)
-        self.second = nn.Linear(widths.hidden, widths.hidden)
-        self.output = nn.Linear(widths.hidden, widths.output)
-        self.register_buffer("input_mean", torch.zeros(SECTOR_SIZE))
-        self.register_buffer("input_gain", torch.ones(SECTOR_SIZE))
-
-    def fit_scaling(self, patches: torch.Tensor) -> None:
-        """Bring each input to mean 0 and deviation 1 over (N, 5, 75) patches and all sectors."""
-        self.input_mean.copy_(patches.mean(dim=(0, 1)))
-        self.input_gain.copy_(1 / (patches.std(dim=(0, 1)) + 1e-2))
-
-    def forward(self, patches: torch.Tensor) -> torch.Tensor:
-        """(N, 5, 75) patches to (N, D) descriptors of length 1."""
-        scaled = (patches - self.input_mean) * self.input_gain
-        responses = [
-            torch.relu(self.second(torch.relu(self.first(scaled.roll(turn, 1).flatten(1)))))
-            for turn in range(SECTORS)
-        ]
-        return normalize(self.output(torch.stack(responses).amax(dim=0)), dim=1)
-
-    def arrays(self) -> dict[str, FloatArray]:
-        """The weights as ``Descriptor`` takes them, the scaling of the inputs folded in."""
-        weights: dict[str, FloatArray] = {}
-        for name in LAYERS:
-            layer: nn.Linear = getattr(self, name)
-            weights[f"{name}_weight"] = layer.weight.detach().numpy().T.copy()
-            weights[f"{name}_bias"] = layer.bias.detach().numpy().copy()
-        weights["first_weight"] *= np.tile(self.input_gain.numpy(), SECTORS)[:, None]
-        weights["first_bias"] -= np.tile(self.input_mean.numpy(), SECTORS) @ weights["first_weight"]
-        return weights
+    score: Callable[[int, DescriptorNetwork], float]
+    """Called at every validation with the steps done; the higher what returns, the better."""
+    on_step: Callable[[int, float], None]
+    """Called after every step with its number from 1 and its loss."""
 
 
-def contrastive_loss(
-    source: torch.Tensor, target: torch.Tensor, far: torch.Tensor, temperature: float
-) -> torch.Tensor:
-    """InfoNCE (van den Oord et al., arXiv 1807.03748) both ways, with negatives from both scans.
+@dataclass(frozen=True)
+class Outcome:
+    """What training reached; the network holds the weights of the best validation."""
 
-    Args:
-        source: (N, D) descriptors of length 1 ...
-        target: (N, D) ... and of the same places in the other scan.
-        far: (N, N) bool, which places count as different; never a place and itself.
-        temperature: cosine similarity that changes the odds e-fold.
-
-    Returns:
-        Mean over both directions of -log of the share that the true partner has; 0 is perfect.
-    """
-    itself = torch.eye(len(source), dtype=torch.bool)
-    across = (source @ target.T / temperature).masked_fill(~(far | itself), _MASKED)
-    within_s = (source @ source.T / temperature).masked_fill(~far, _MASKED)
-    within_t = (target @ target.T / temperature).masked_fill(~far, _MASKED)
-    truth = torch.arange(len(source))
-    forward = cross_entropy(torch.cat([across, within_s], dim=1), truth)
-    backward = cross_entropy(torch.cat([across.T, within_t], dim=1), truth)
-    return (forward + backward) / 2
+    network: DescriptorNetwork
+    stop_reason: str
+    best_step: int
+    best_score: float
 
 
 def train_network(
@@ -117,8 +80,9 @@ def train_network(
     widths: Widths,
     schedule: Schedule,
     seed: int,
-    on_step: Callable[[int, float, DescriptorNetwork], None],
-) -> DescriptorNetwork:
+    watch: Watch,
+    checkpoint: Path | None = None,
+) -> Outcome:
     """Fit a network to pairs of patches; the same arguments give the same weights.
 
     Args:
@@ -126,10 +90,12 @@ def train_network(
         widths: of the network.
         schedule: of the steps.
         seed: of the network's start and of what each step draws.
-        on_step: called after every step with its number from 1, its loss and the network.
+        watch: validates and logs.
+        checkpoint: file to go on from where it exists, and to write at every validation; None
+            keeps nothing.
 
     Raises:
-        ValueError: too few pairs of scans.
+        ValueError: too few pairs of scans, or the checkpoint of another training.
     """
     if len(training) < schedule.scans_per_step:
         raise ValueError(
@@ -137,28 +103,117 @@ def train_network(
             "there; simulate more"
         )
     torch.set_num_threads(1)  # the order in which threads add up would show in the last bits
-    torch.manual_seed(seed)
-    rng = np.random.default_rng(seed)
-    network = DescriptorNetwork(widths)
-    network.fit_scaling(torch.cat([torch.from_numpy(p.source[:100]).float() for p in training]))
-    optimizer = torch.optim.AdamW(network.parameters(), schedule.learning_rate, weight_decay=1e-4)
-    rate = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step / schedule.steps))
-    for step in range(1, schedule.steps + 1):
-        source, target, far = draw_batch(training, schedule, rng)
-        described_s, described_t = network(torch.cat([source, target])).chunk(2)
-        loss = contrastive_loss(described_s, described_t, far, schedule.temperature)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        rate.step()
-        on_step(step, loss.item(), network)
-    return network.eval()
+    run = _Run(training, widths, schedule, seed)
+    if checkpoint is not None and checkpoint.exists():
+        run.load(checkpoint)
+    while run.stop_reason is None:
+        loss = run.advance()
+        watch.on_step(run.step, loss)
+        if run.step % schedule.validate_every == 0 or run.step == schedule.steps:
+            run.judge(watch.score(run.step, run.network.eval()))
+            run.network.train()
+            if checkpoint is not None:
+                run.save(checkpoint)
+    run.network.load_state_dict(run.best_weights)
+    return Outcome(run.network.eval(), run.stop_reason, run.best_step, run.best_score)
+
+
+class _Run:
+    """All that changes while a network learns."""
+
+    def __init__(
+        self, training: Sequence[PatchPairs], widths: Widths, schedule: Schedule, seed: int
+    ) -> None:
+        self.training, self.schedule = training, schedule
+        self.identity = f"{widths} {schedule} seed {seed} data {digest(training)}"
+        torch.manual_seed(seed)
+        self.rng = np.random.default_rng(seed)
+        self.network = DescriptorNetwork(widths)
+        some = [torch.from_numpy(pairs.source[:100]).float() for pairs in training]
+        self.network.fit_scaling(torch.cat(some))
+        self.optimizer = torch.optim.AdamW(
+            self.network.parameters(), schedule.learning_rate, weight_decay=1e-4
+        )
+        self.step = self.best_step = self.fails = 0
+        self.best_score = -math.inf
+        self.best_weights: dict[str, torch.Tensor] = {}
+
+    @property
+    def stop_reason(self) -> str | None:
+        """Why training ends here; None while it goes on."""
+        if self.step >= self.schedule.steps:
+            return f"all {self.schedule.steps} steps done"
+        if self.schedule.patience and self.fails >= self.schedule.patience:
+            return f"no better score in {self.fails} validations"
+        return None
+
+    def advance(self) -> float:
+        """Do one step; its loss."""
+        rate = self.schedule.learning_rate * _rate(self.step / self.schedule.steps)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        source, target, far = draw_batch(self.training, self.schedule, self.rng)
+        described, logits = self.network(torch.cat([source, target]))
+        described_s, described_t = described.chunk(2)
+        logits_s, logits_t = logits.chunk(2)
+        alike = Similarities.of(described_s, described_t, far, self.schedule.temperature)
+        loss = LOSSES[self.schedule.loss](alike)
+        self.optimizer.zero_grad()
+        (loss + matchability_loss(logits_s, logits_t, alike)).backward()
+        self.optimizer.step()
+        self.step += 1
+        return loss.item()
+
+    def judge(self, score: float) -> None:
+        """Keep the weights when they are the best so far."""
+        if score > self.best_score:
+            self.best_score, self.best_step, self.fails = score, self.step, 0
+            state = self.network.state_dict()
+            self.best_weights = {name: value.clone() for name, value in state.items()}
+        else:
+            self.fails += 1
+
+    def save(self, path: Path) -> None:
+        """Write all of it, whole or not at all."""
+        with replacing(path) as temporary:
+            torch.save(self._state(), temporary)
+
+    def load(self, path: Path) -> None:
+        """Go on from what ``save`` wrote.
+
+        Raises:
+            ValueError: it was written by another training.
+        """
+        state = torch.load(path, weights_only=True)
+        if state["identity"] != self.identity:
+            raise ValueError(
+                f"{path} belongs to a training with other options or data; "
+                "give another output_dir, or remove it to start anew"
+            )
+        self.network.load_state_dict(state["network"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.rng.bit_generator.state = state["rng"]
+        self.step, self.best_step, self.fails = state["step"], state["best_step"], state["fails"]
+        self.best_score, self.best_weights = state["best_score"], state["best_weights"]
+
+    def _state(self) -> dict[str, Any]:
+        return {
+            "identity": self.identity,
+            "network": self.network.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "rng": self.rng.bit_generator.state,
+            "step": self.step,
+            "best_step": self.best_step,
+            "fails": self.fails,
+            "best_score": self.best_score,
+            "best_weights": self.best_weights,
+        }
 
 
 def draw_batch(
     training: Sequence[PatchPairs], schedule: Schedule, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(N, 5, 75) patches of the source and of the target, and (N, N) which places are different."""
+    """(N, 5, 50) patches of the source and of the target, and (N, N) which places are different."""
     chosen = rng.choice(len(training), schedule.scans_per_step, replace=False)
     source, target, places, owner = [], [], [], []
     for scans in chosen:

@@ -58,6 +58,19 @@ def log_hyperparameters(
     log_scalars(writer, scores, step=0)
 
 
+def log_embedding(
+    writer: SummaryWriter,
+    tag: str,
+    vectors: FloatArray,
+    labels: Sequence[Sequence[str]],
+    columns: Sequence[str],
+    step: int = 0,
+) -> None:
+    """(N, D) vectors in the PROJECTOR tab, each with one label per column."""
+    rows = [list(row) for row in labels]
+    writer.add_embedding(vectors, rows, metadata_header=list(columns), tag=tag, global_step=step)
+
+
 def log_figure(writer: SummaryWriter, tag: str, figure: Figure, step: int = 0) -> None:
     """A Matplotlib figure in the IMAGES tab."""
     log_png(writer, tag, png_bytes(figure, dpi=100), step)
