@@ -7,6 +7,7 @@ correspondences, so that descriptors can be compared by their inliers.
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,12 @@ from skipnet.benchmark.methods.icp import to_cloud
 from skipnet.benchmark.methods.open3d import refine_to_planes
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import transform_points
-from skipnet.learning.descriptor import correspond, load_descriptor
+from skipnet.learning.descriptor import (
+    SHIPPED_WEIGHTS,
+    Descriptor,
+    correspond,
+    load_descriptor,
+)
 from skipnet.registration.hypotheses import fit_transforms, from_correspondences
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
@@ -28,7 +34,10 @@ INLIER_VOXELS = 1.5
 
 
 def make(
-    descriptor: str = "fpfh", voxel_size_m: float | None = None, max_correspondences: int = 1500
+    descriptor: str = "fpfh",
+    voxel_size_m: float | None = None,
+    max_correspondences: int = 1500,
+    weights: str | None = None,
 ) -> Method:
     """Mutual nearest neighbours, second-order compatibility, the pose with the most inliers, ICP.
 
@@ -37,10 +46,12 @@ def make(
         voxel_size_m: size of the voxels that are described; None takes the size that skipnet
             chooses from the data.
         max_correspondences: the best of them enter the compatibility graph.
+        weights: file of the learned one's weights; None takes those that ship.
     """
     o3d = require("open3d", "open3d")
     if descriptor not in DESCRIPTORS:
         raise ValueError(f"descriptor={descriptor}: expected one of {', '.join(DESCRIPTORS)}")
+    learned = load_descriptor(Path(weights) if weights else SHIPPED_WEIGHTS)
 
     def run(task: Task) -> Estimate:
         started = time.perf_counter()
@@ -48,7 +59,9 @@ def make(
         source = _skipmap(task.source_m, size_m, task.source_viewpoint_m)
         target = _skipmap(task.target_m, size_m, task.target_viewpoint_m)
         mapped = time.perf_counter()
-        source_m, target_m = _match(descriptor, source, target, max_correspondences)
+        source_m, target_m = _match(
+            None if descriptor == "fpfh" else learned, source, target, max_correspondences
+        )
         T_coarse, inliers = most_consistent_pose(source_m, target_m, INLIER_VOXELS * size_m)
         matched = time.perf_counter()
         clouds = to_cloud(source.centroids_m), _with_normals(o3d, target)
@@ -95,13 +108,13 @@ def _skipmap(points_m: FloatArray, size_m: float, viewpoint_m: FloatArray | None
 
 
 def _match(
-    descriptor: str, source: SkipMap, target: SkipMap, most: int
+    learned: Descriptor | None, source: SkipMap, target: SkipMap, most: int
 ) -> tuple[FloatArray, FloatArray]:
-    """(K, 3) voxels of both scans that may be the same, the most alike first."""
-    if descriptor == "fpfh":
+    """(K, 3) voxels of both scans that may be the same, the most alike first; None takes FPFH."""
+    if learned is None:
         rows_s, rows_t, distance = mutual_nearest(fpfh(source), fpfh(target))
     else:
-        rows_s, rows_t, distance = correspond(source, target, load_descriptor())
+        rows_s, rows_t, distance = correspond(source, target, learned)
     best = np.argsort(distance, kind="stable")[:most]
     return source.centroids_m[rows_s[best]], target.centroids_m[rows_t[best]]
 
