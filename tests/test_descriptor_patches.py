@@ -81,6 +81,15 @@ def test_a_turned_scan_has_the_same_patches(bumpy: SkipMap) -> None:
     assert same.mean() > 0.999
 
 
+def test_the_unit_of_length_does_not_matter(bumpy: SkipMap) -> None:
+    in_mm = replace(
+        bumpy, voxel_size_m=bumpy.voxel_size_m * 1000, centroids_m=bumpy.centroids_m * 1000
+    )
+    rows = choose_keypoints(bumpy, 300)
+    same = np.isclose(cylinder_patches(bumpy, rows), cylinder_patches(in_mm, rows), atol=1e-4)
+    assert same.mean() > 0.999
+
+
 def test_turning_the_tangent_by_a_sector_shifts_the_sectors(bumpy: SkipMap) -> None:
     rows = choose_keypoints(bumpy, 50)
     axes = bumpy.axes.copy()
