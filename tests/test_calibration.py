@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
-from skipnet.benchmark.calibration import Trial, expected_calibration_error, fit
+from skipnet.benchmark.calibration import (
+    REGULARISATION,
+    Trial,
+    expected_calibration_error,
+    fit,
+)
 from skipnet.registration.verdict import FEATURES, MAX_VIOLATION
 from skipnet.simulation.disturbances import add_passers_by
 
@@ -12,16 +17,20 @@ from skipnet.simulation.disturbances import add_passers_by
 def trials(count=400):
     rng = np.random.default_rng(0)
     features = rng.uniform(0, 1, (count, len(FEATURES)))
-    features[:, FEATURES.index("violation")] *= np.sqrt(MAX_VIOLATION)
-    right = features @ [2.0, -8.0, 3.0, 1.0] + rng.normal(0, 0.3, count) > 2.2
-    return [Trial(str(i), f, bool(r)) for i, (f, r) in enumerate(zip(features, right, strict=True))]
+    right = features @ [2.0, 3.0, 1.0] + rng.normal(0, 0.3, count) > 3.0
+    return [
+        Trial(str(i), f, MAX_VIOLATION / 2, bool(r))
+        for i, (f, r) in enumerate(zip(features, right, strict=True))
+    ]
 
 
 def test_the_fit_is_scikit_learn_s_in_the_features_own_units():
     sample = trials()
     features = np.array([trial.features for trial in sample])
     mean, spread = features.mean(axis=0), features.std(axis=0)
-    oracle = LogisticRegression().fit((features - mean) / spread, [t.right for t in sample])
+    oracle = LogisticRegression(C=REGULARISATION).fit(
+        (features - mean) / spread, [t.right for t in sample]
+    )
     fitted = fit(sample)
     logits = features @ [fitted["weights"][name] for name in FEATURES] + fitted["bias"]
     expected = oracle.decision_function((features - mean) / spread)
@@ -30,8 +39,8 @@ def test_the_fit_is_scikit_learn_s_in_the_features_own_units():
 
 def test_trials_that_the_verdict_refuses_anyway_take_no_part():
     sample = trials()
-    refused = np.array([1.0, np.sqrt(MAX_VIOLATION) + 0.01, 1.0, 1.0])
-    assert fit([*sample, *[Trial("refused", refused, False)] * 50]) == fit(sample)
+    refused = Trial("refused", np.ones(len(FEATURES)), MAX_VIOLATION + 0.001, False)
+    assert fit([*sample, *[refused] * 50]) == fit(sample)
 
 
 def test_the_calibration_error_of_a_hand_worked_case():

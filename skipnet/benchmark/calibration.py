@@ -30,8 +30,8 @@ from skipnet.types import FloatArray, Registration
 FIRST_SEED = 50_000
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
 SCANNERS = ("terrestrial", "rings")
-REGULARISATION = 1.0
-FIGURES = ("overlap", "violation", "margin", "held_voxels")
+REGULARISATION = 10.0
+FIGURES = ("overlap", "margin", "held_voxels")
 """Names in a result's details of what ``Findings.features_from`` takes."""
 
 
@@ -42,6 +42,8 @@ class Trial:
     name: str
     features: FloatArray
     """(F,) what the verdict saw, in the order of ``FEATURES``."""
+    violation: float
+    """Share of voxels that contradict seen free space."""
     right: bool
     """The pose is within the pair's thresholds; never so for scans of different scenes."""
 
@@ -83,7 +85,8 @@ def trials_of_scene(
             features = features_of(result)
             if features is not None:
                 name = f"{family}/{scanner}/{seed}/{kind}/{passers_by}"
-                trials.append(Trial(name, features, right))
+                violation = float(str(result.details["violation"]))
+                trials.append(Trial(name, features, violation, right))
     return trials
 
 
@@ -108,8 +111,7 @@ def fit(trials: list[Trial]) -> dict[str, object]:
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    worst = np.sqrt(MAX_VIOLATION)
-    trials = [t for t in trials if t.features[FEATURES.index("violation")] <= worst]
+    trials = [trial for trial in trials if trial.violation <= MAX_VIOLATION]
     features = np.array([trial.features for trial in trials])
     right = np.array([trial.right for trial in trials])
     model = make_pipeline(StandardScaler(), LogisticRegression(C=REGULARISATION, max_iter=1000))

@@ -21,7 +21,7 @@ MIN_DETERMINED = 0.01
 """A direction that less than this share of the normals faces is weak: noise can hold it ..."""
 MIN_DETERMINING_VOXELS = 30.0
 """... and so is one that fewer voxels than this face."""
-FEATURES = ("overlap", "violation", "margin", "held")
+FEATURES = ("overlap", "margin", "held")
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,12 @@ class Findings:
     @property
     def features(self) -> FloatArray:
         """What the confidence is computed from, in the order of ``FEATURES``."""
-        return self.features_from(self.overlap, self.violation, self.margin, self.held_voxels)
+        return self.features_from(self.overlap, self.margin, self.held_voxels)
 
     @staticmethod
-    def features_from(
-        overlap: float, violation: float, margin: float, held_voxels: float
-    ) -> FloatArray:
+    def features_from(overlap: float, margin: float, held_voxels: float) -> FloatArray:
         """(F,) features of figures as this class holds them."""
-        return np.array([overlap, np.sqrt(violation), margin, np.log10(1 + held_voxels)])
+        return np.array([overlap, margin, np.log10(1 + held_voxels)])
 
 
 @dataclass(frozen=True)
