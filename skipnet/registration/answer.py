@@ -64,7 +64,13 @@ class Answer:
             None if scan.viewpoint_given_m is None else scan.viewpoint_given_m.tolist()
             for scan in (source, target)
         ]
+        extents = [
+            " x ".join(f"{length:.3g}" for length in np.ptp(scan.evidence.points_m, axis=1))
+            for scan in (source, target)
+            if len(scan.skipmap)
+        ]
         return {
+            "unit": f"coordinates taken as metres; the scans extend over {' and '.join(extents)}",
             "voxel_size_m": source.skipmap.voxel_size_m,
             "source_viewpoint_m": viewpoints_m[0],
             "target_viewpoint_m": viewpoints_m[1],
@@ -73,6 +79,8 @@ class Answer:
             "margin": found and found.margin,
             "matched_voxels": found and found.matched,
             "held_voxels": found and found.held_voxels,
+            "position_std_m": found and float(np.sqrt(np.trace(found.covariance[3:, 3:]))),
+            "rotation_std_rad": found and float(np.sqrt(np.trace(found.covariance[:3, :3]))),
             "covariance": found and found.covariance.tolist(),
             "free_directions": found and found.free_directions.tolist(),
             "alternatives_T_target_source": found and found.alternatives.tolist(),

@@ -80,6 +80,7 @@ def pair_page(result: Registration, inputs: Mapping[str, str], png: bytes, seed:
             "The motion found",
             html.paragraph("p_target = T_target_source p_source, in metres, after fine alignment:"),
             html.matrix(result.T_target_source),
+            html.paragraph(_uncertainty(result)),
             html.paragraph("Before fine alignment:"),
             html.matrix(result.T_target_source_coarse),
         ),
@@ -147,6 +148,18 @@ def _registration(result: Registration) -> dict[str, Any]:
         "timings_s": result.timings_s,
         "details": result.details,
     }
+
+
+def _uncertainty(result: Registration) -> str:
+    """How exact the pose is, if it is right; empty where nothing was matched."""
+    position_m = result.details.get("position_std_m")
+    rotation_rad = result.details.get("rotation_std_rad")
+    if not isinstance(position_m, float) or not isinstance(rotation_rad, float):
+        return ""
+    return (
+        "If the pose is right, the scatter of the matched surfaces leaves a standard deviation of "
+        f"{1000 * position_m:.3g} mm at their centre and of {math.degrees(rotation_rad):.2g} deg."
+    )
 
 
 def _origin(T_first_scan: FloatArray | None) -> list[str]:

@@ -82,6 +82,8 @@ class Scan:
     coarse: SkipMap
     """At twice the voxel size: where fine alignment starts."""
     fine_tree: SkipTree
+    """All voxels of half the size, effective or not."""
+    fine_skipmap: SkipMap
     """At half the voxel size: where fine alignment ends."""
     evidence: Evidence
     """For the judge."""
@@ -104,11 +106,6 @@ class Scan:
         """Orders scans by themselves alone: occupied voxels, then points, then spread."""
         moments = self.fine_tree.moments
         return len(moments), int(moments.count.sum()), float(moments.second.sum())
-
-    @cached_property
-    def fine_skipmap(self) -> SkipMap:
-        """The Skip-map at half the voxel size, built when asked for."""
-        return skipmap_of_tree(self.fine_tree, self.viewpoint_m)
 
     @property
     def is_sparse(self) -> bool:
@@ -211,6 +208,7 @@ def _describe_one(
         skipmap=skipmap,
         coarse=skipmap_of_tree(tree.coarser(), skipmap.viewpoint_m),
         fine_tree=fine_tree,
+        fine_skipmap=skipmap_of_tree(fine_tree, skipmap.viewpoint_m),
         evidence=build_evidence(skipmap, points_m, rng, T_own_given),
         planes=find_planes(skipmap),
     )

@@ -1,0 +1,72 @@
+"""The runs behind the claims on being fooled and on accuracy: what they count, on small samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skipnet.benchmark.accuracy import bound_m
+from skipnet.benchmark.vigilance import (
+    OPEN,
+    POSITIVES,
+    SAME_SHELL,
+    Case,
+    Outcome,
+    calibration_error,
+    cases,
+    table,
+    try_case,
+)
+from skipnet.simulation.pairs import simulate_pair
+
+
+def test_half_of_the_negatives_share_a_shell_and_no_scene_meets_itself():
+    chosen = cases(10, 40)
+    negatives = [case for case in chosen if case.group.startswith("negatives")]
+    assert len(negatives) == 40 and len(chosen) == 40 + 10 * len(POSITIVES) + 2 * len(OPEN)
+    assert sum(case.recipe == SAME_SHELL for case in negatives) == 20
+    assert all(case.source_seed != case.target_seed for case in negatives)
+    others = [case for case in chosen if case not in negatives]
+    assert all(case.source_seed == case.target_seed for case in others)
+
+
+def outcome(group, status, confidence, right, translation_m=0.001):
+    return Outcome(Case(group, SAME_SHELL, 1, 1), status, confidence, right, 0.0, translation_m)
+
+
+def test_the_table_counts_by_status_and_by_being_right():
+    outcomes = [
+        outcome("rooms", "registered", 0.9, True, 0.002),
+        outcome("rooms", "registered", 0.8, False, 3.0),
+        outcome("rooms", "failed", 0.2, True, 0.004),
+        outcome("rooms", "ambiguous", 0.2, False, 3.0),
+    ]
+    row = table(outcomes).splitlines()[2]
+    assert [cell.strip() for cell in row.strip("|").split("|")] == [
+        *("rooms", "2 of 4", "1", "1", "1", "1", "3.00 mm"),
+    ]
+
+
+def test_the_calibration_error_leaves_out_scenes_without_one_right_answer():
+    outcomes = [
+        outcome("rooms", "registered", 0.9, True),
+        outcome("symmetric", "failed", 1.0, False),
+    ]
+    assert calibration_error(outcomes) == pytest.approx(0.1)
+
+
+def test_one_room_is_registered_and_two_rooms_are_not():
+    recipe = ("oblique", "terrestrial", "yaw")
+    same = try_case(Case("same", recipe, 3, 3))
+    assert same.right and same.status == "registered"
+    different = try_case(Case("negatives", recipe, 3, 4))
+    assert not different.right and different.status != "registered"
+
+
+def test_the_bound_grows_with_the_noise_and_shrinks_with_the_root_of_the_points():
+    pairs = [simulate_pair("paper_room", 5, points=points) for points in (20_000, 80_000)]
+    few_m, many_m = (bound_m(pair, 0.004) for pair in pairs)
+    assert bound_m(pairs[0], 0.008) == pytest.approx(2 * few_m)
+    assert 1.6 < few_m / many_m < 2.6
+    assert 1e-6 < many_m < 1e-3
+    assert np.isfinite(few_m)
