@@ -10,6 +10,7 @@ from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan
 from skipnet.registration.sliding import slide, slides_freely
 from skipnet.registration.sparse_refinement import refine_sparse
+from skipnet.registration.thin_planes import lay_on_planes
 from skipnet.registration.verdict import Findings, decide, holds, is_weak
 from skipnet.registration.verification import (
     FINE,
@@ -66,9 +67,21 @@ def settle(
         best = np.argsort(-rough.total, kind="stable")[:SPARSE_FINALISTS]
         fine, coarse = fine[best], coarse[best]
         fine = refine_sparse(fine, source.thinned, target.thinned, bench.voxel_size_m)
-    T, score = bench.slide(fine, bench.judge(fine.T_target_source))
+    T, score = fine.T_target_source, bench.judge(fine.T_target_source)
+    if not bench.is_sparse:
+        T, score = bench.slide(fine, score)
     kept = bench.distinct(T, score)
-    fine = fine[kept[:1]] if bench.is_sparse else polish(T[kept[0]], source, target)
+    if bench.is_sparse:
+        fine = lay_on_planes(
+            fine[kept[:1]],
+            source.fine_tree.centroids_m,
+            target.fine_tree.centroids_m,
+            source.viewpoint_m,
+            target.viewpoint_m,
+            bench.voxel_size_m,
+        )
+    else:
+        fine = polish(T[kept[0]], source, target)
     findings = bench.summarise(fine, T, score, kept)
     kept = kept[:FINALISTS]
     return Answer(coarse[kept], T[kept], fine.T_target_source[0], decide(findings), findings)
