@@ -17,7 +17,7 @@ from skipnet.simulation.disturbances import add_passers_by
 def trials(count=400):
     rng = np.random.default_rng(0)
     features = rng.uniform(0, 1, (count, len(FEATURES)))
-    right = features @ [2.0, 3.0, 1.0] + rng.normal(0, 0.3, count) > 3.0
+    right = features @ [2.0, -1.0, 3.0, 1.0] + rng.normal(0, 0.3, count) > 2.5
     return [
         Trial(str(i), f, MAX_VIOLATION / 2, bool(r))
         for i, (f, r) in enumerate(zip(features, right, strict=True))
@@ -37,10 +37,11 @@ def test_the_fit_is_scikit_learn_s_in_the_features_own_units():
     np.testing.assert_allclose(logits, expected, atol=1e-3)
 
 
-def test_trials_that_the_verdict_refuses_anyway_take_no_part():
+def test_how_often_a_refused_pose_is_right_all_the_same_is_kept():
     sample = trials()
-    refused = Trial("refused", np.ones(len(FEATURES)), MAX_VIOLATION + 0.001, False)
-    assert fit([*sample, *[refused] * 50]) == fit(sample)
+    refused = [Trial("refused", np.ones(len(FEATURES)), 0.05, right) for right in (True, False)]
+    assert fit(sample)["refused"] == 0
+    assert fit([*sample, *refused * 2, refused[1]])["refused"] == 0.4
 
 
 def test_the_calibration_error_of_a_hand_worked_case():

@@ -31,7 +31,7 @@ FIRST_SEED = 50_000
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
 SCANNERS = ("terrestrial", "rings")
 REGULARISATION = 10.0
-FIGURES = ("overlap", "margin", "held_voxels")
+FIGURES = ("overlap", "violation", "margin", "held_voxels")
 """Names in a result's details of what ``Findings.features_from`` takes."""
 
 
@@ -102,8 +102,6 @@ def features_of(result: Registration) -> FloatArray | None:
 def fit(trials: list[Trial]) -> dict[str, object]:
     """Logistic regression of being right on the features (scikit-learn).
 
-    Trials that the verdict refuses for their violation, whatever the rest, take no part.
-
     Returns:
         What ``confidence.json`` holds: a weight per feature, the bias, and how it was fitted.
     """
@@ -111,7 +109,7 @@ def fit(trials: list[Trial]) -> dict[str, object]:
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    trials = [trial for trial in trials if trial.violation <= MAX_VIOLATION]
+    refused = [trial.right for trial in trials if trial.violation > MAX_VIOLATION]
     features = np.array([trial.features for trial in trials])
     right = np.array([trial.right for trial in trials])
     model = make_pipeline(StandardScaler(), LogisticRegression(C=REGULARISATION, max_iter=1000))
@@ -121,6 +119,7 @@ def fit(trials: list[Trial]) -> dict[str, object]:
     return {
         "weights": {name: round(float(w), 6) for name, w in zip(FEATURES, weights, strict=True)},
         "bias": round(float(logistic.intercept_[0] - weights @ scaler.mean_), 6),
+        "refused": round(float(np.mean(refused)), 6) if refused else 0.0,
         "trials": len(trials),
         "right": int(right.sum()),
         "families": list(FAMILIES),

@@ -35,6 +35,8 @@ FINALISTS = 10
 """Distinct poses that stay in the running when the next generator is asked."""
 SPARSE_FINALISTS = 6
 """Candidates of sparse scans that are worth fine alignment by GICP, which takes one at a time."""
+MIN_SPARSE_HOLD = 6.0
+"""Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 SLIDING_FINALISTS = 6
 """Candidates that are worth sliding along directions that few normals hold."""
 
@@ -150,8 +152,12 @@ class _Bench:
         share, directions = holds(fine.information[0], fine.matched[0])
         free = [
             direction
-            for direction in directions[is_weak(share, fine.matched[0])]
-            if slides_freely(fine.T_target_source[0], direction, *self._case)
+            for part, direction in zip(share, directions, strict=True)
+            if is_weak(part, fine.matched[0])
+            and (
+                (self.is_sparse and part * fine.matched[0] < MIN_SPARSE_HOLD)
+                or slides_freely(fine.T_target_source[0], direction, *self._case)
+            )
         ]
         return Findings(
             overlap=float(score.overlap[best]),

@@ -29,7 +29,7 @@ MIN_SENSOR_VOXELS = 2.5
 """Distance of the sensor from a plane: its level scan lines lie in a plane too, on all walls."""
 MAX_TILT_COSINE = 0.97
 """Between a plane's normal and the direction asked about."""
-PEAKS = 12
+PEAKS = 30
 """Heights to try in each scan."""
 MODE_VOXELS = 0.03
 """Half width of the heap of points that lie on the other scan's plane ..."""
@@ -134,13 +134,11 @@ def heap_beside(
         The height of the heap and its number of points.
     """
     above_m = points_m @ plane.normal - plane.offset_m
-    above_m = np.sort(above_m[np.abs(above_m) < voxel_size_m])
+    above_m = above_m[np.abs(above_m) < voxel_size_m]
     if len(above_m) < MIN_HEAP:
         return None
     width_m = 2 * MODE_VOXELS * voxel_size_m
-    inside = np.searchsorted(above_m, above_m + width_m, side="right") - np.arange(len(above_m))
-    first, heap = int(inside.argmax()), int(inside.max())
-    height_m = float(np.median(above_m[first : first + heap]))
+    height_m, heap = _densest(above_m, width_m)
     wide = int((np.abs(above_m - height_m) < WIDE_VOXELS * voxel_size_m).sum())
     usual = len(above_m) * width_m / (2 * voxel_size_m)
     if heap < max(MIN_HEAP, MIN_SHARE * wide, MIN_DENSITY * usual):
@@ -157,12 +155,20 @@ def _fit(
         if plane is None:
             return None
         away_m = points_m @ plane.normal - plane.offset_m
-        close = np.abs(away_m) < distance_voxels * voxel_size_m
-        middle_m = np.median(away_m[close]) if close.any() else 0.0
-        near = np.abs(away_m - middle_m) < distance_voxels * voxel_size_m
+        reach_m = distance_voxels * voxel_size_m
+        near &= np.abs(away_m - _densest(away_m[near], reach_m)[0]) < reach_m
     plane = _plane_through(points_m[near], direction, voxel_size_m)
     limit_m = MAX_SCATTER * SHRINKING_VOXELS[-1] * voxel_size_m
     return plane if plane is not None and plane.scatter_m < limit_m else None
+
+
+def _densest(heights_m: FloatArray, width_m: float) -> tuple[float, int]:
+    """Where most of (N,) heights lie within a width: their median, and their number."""
+    heights_m = np.sort(heights_m)
+    inside = np.searchsorted(heights_m, heights_m + width_m, side="right")
+    inside -= np.arange(len(heights_m))
+    first, count = int(inside.argmax()), int(inside.max())
+    return float(np.median(heights_m[first : first + count])), count
 
 
 def _plane_through(

@@ -21,7 +21,9 @@ MIN_DETERMINED = 0.01
 """A direction that less than this share of the normals faces is weak: noise can hold it ..."""
 MIN_DETERMINING_VOXELS = 30.0
 """... and so is one that fewer voxels than this face."""
-FEATURES = ("overlap", "margin", "held")
+FEATURES = ("overlap", "violation", "margin", "held")
+FIRMLY_HELD_VOXELS = 99.0
+"""More than this says nothing more."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,15 @@ class Findings:
     @property
     def features(self) -> FloatArray:
         """What the confidence is computed from, in the order of ``FEATURES``."""
-        return self.features_from(self.overlap, self.margin, self.held_voxels)
+        return self.features_from(self.overlap, self.violation, self.margin, self.held_voxels)
 
     @staticmethod
-    def features_from(overlap: float, margin: float, held_voxels: float) -> FloatArray:
+    def features_from(
+        overlap: float, violation: float, margin: float, held_voxels: float
+    ) -> FloatArray:
         """(F,) features of figures as this class holds them."""
-        return np.array([overlap, margin, np.log10(1 + held_voxels)])
+        held = np.log10(1 + min(held_voxels, FIRMLY_HELD_VOXELS))
+        return np.array([overlap, np.sqrt(violation), margin, held])
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ def decide(findings: Findings) -> Verdict:
         return Verdict("ambiguous", min(confidence, 1 / poses), reason)
     if findings.violation > MAX_VIOLATION:
         reason = f"{seen}, but {findings.violation:.1%} lie where the other sensor saw free space"
-        return Verdict("failed", min(confidence, MIN_CONFIDENCE), reason)
+        return Verdict("failed", min(confidence, _calibration().refused), reason)
     if confidence < MIN_CONFIDENCE:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict("failed", confidence, reason)
@@ -95,8 +100,8 @@ def decide(findings: Findings) -> Verdict:
 
 def confidence_of(features: FloatArray) -> float:
     """Calibrated probability that a pose with these ``FEATURES`` is right (logistic regression)."""
-    weights, bias = _calibration()
-    return float(1 / (1 + np.exp(-(features @ weights + bias))))
+    fitted = _calibration()
+    return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias))))
 
 
 def holds(information: FloatArray, matched: int) -> tuple[FloatArray, FloatArray]:
@@ -123,7 +128,17 @@ def is_weak(share: FloatArray, matched: int) -> BoolArray:
     return (share < MIN_DETERMINED) | (share * matched < MIN_DETERMINING_VOXELS)
 
 
+@dataclass(frozen=True)
+class _Calibration:
+    weights: FloatArray
+    """(F,) of ``FEATURES``."""
+    bias: float
+    refused: float
+    """Share of poses that are right although they are refused for ``MAX_VIOLATION``."""
+
+
 @cache
-def _calibration() -> tuple[FloatArray, float]:
+def _calibration() -> _Calibration:
     stored = json.loads(CALIBRATION_FILE.read_text())
-    return np.array([stored["weights"][name] for name in FEATURES]), float(stored["bias"])
+    weights = np.array([stored["weights"][name] for name in FEATURES])
+    return _Calibration(weights, float(stored["bias"]), float(stored["refused"]))
