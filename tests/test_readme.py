@@ -7,6 +7,8 @@ README is ever stale.
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import re
 import shlex
 import subprocess
@@ -29,7 +31,18 @@ def blocks(language):
 COMMANDS = [line for block in blocks("bash") for line in block.splitlines()]
 
 
-@pytest.mark.parametrize("line", [line for line in COMMANDS if line.startswith("python ")])
+MODULES = [line for line in COMMANDS if line.startswith("python -m ")]
+SCRIPTS = [line for line in COMMANDS if line.startswith("python ") and line not in MODULES]
+
+
+@pytest.mark.parametrize("line", MODULES)
+def test_every_module_takes_the_arguments_it_is_given(line):
+    _, _, module, *arguments = shlex.split(line)
+    main = importlib.import_module(module).main
+    inspect.signature(main).bind(*(int(argument) for argument in arguments))
+
+
+@pytest.mark.parametrize("line", SCRIPTS)
 def test_the_options_of_every_command_exist(tmp_path, line):
     _, script, *arguments = shlex.split(line)
     arguments = [argument for argument in arguments if argument != "--multirun"]
