@@ -80,6 +80,9 @@ def decide(findings: Findings) -> Verdict:
     seen = f"{findings.overlap:.0%} of the surfaces agree"
     if findings.matched == 0:
         return Verdict("failed", 0.0, f"fine alignment found no hold: in the best pose {seen}")
+    if findings.violation > MAX_VIOLATION:
+        reason = f"{seen}, but {findings.violation:.1%} lie where the other sensor saw free space"
+        return Verdict("failed", min(confidence, _calibration().refused), reason)
     if len(findings.free_directions):
         axis = np.array2string(findings.free_directions[0], precision=2, suppress_small=True)
         reason = f"{seen}, but nothing fixes the position along {axis} in the target's frame"
@@ -88,9 +91,6 @@ def decide(findings: Findings) -> Verdict:
         poses = 1 + len(findings.alternatives)
         reason = f"{seen}, but {poses} distinct poses explain the data about equally well"
         return Verdict("ambiguous", min(confidence, 1 / poses), reason)
-    if findings.violation > MAX_VIOLATION:
-        reason = f"{seen}, but {findings.violation:.1%} lie where the other sensor saw free space"
-        return Verdict("failed", min(confidence, _calibration().refused), reason)
     if confidence < MIN_CONFIDENCE:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict("failed", confidence, reason)
