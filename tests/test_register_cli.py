@@ -54,7 +54,9 @@ def test_two_files_come_out_registered_with_every_result(stand, pair):
     assert result["timings_s"] and all(time_s >= 0 for time_s in result["timings_s"].values())
     assert result["inputs"] == {"source": "scans/a.ply", "target": "scans/b.npy"}
     assert result["seed"] == 3
-    assert set(result["versions"]) == {"skipnet", "python", "numpy", "scipy", "torch", "open3d"}
+    assert set(result["versions"]) == {
+        *("skipnet", "python", "numpy", "scipy", "small_gicp", "torch", "open3d")
+    }
 
     aligned_m = read_points(stand / "out" / "first" / "aligned.ply")
     np.testing.assert_allclose(
