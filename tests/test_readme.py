@@ -39,7 +39,8 @@ SCRIPTS = [line for line in COMMANDS if line.startswith("python ") and line not 
 def test_every_module_takes_the_arguments_it_is_given(line):
     _, _, module, *arguments = shlex.split(line)
     main = importlib.import_module(module).main
-    inspect.signature(main).bind(*(int(argument) for argument in arguments))
+    bound = inspect.signature(main).bind(*(int(argument) for argument in arguments))
+    assert list(bound.arguments.values()) == [int(argument) for argument in arguments]
 
 
 @pytest.mark.parametrize("line", SCRIPTS)

@@ -61,6 +61,15 @@ def test_nothing_changes_without_planes_or_viewpoints():
     assert lay_on_planes(before, *high, np.zeros(3), np.zeros(3), SIZE_M) is before
 
 
+def test_planes_that_contradict_each_other_change_nothing():
+    before, sensors_m = single(np.eye(4)), np.zeros((2, 3))
+    raised = rings_in_a_room(2, heights_m=(-1.47, 1.53))
+    laid = lay_on_planes(before, rings_in_a_room(1), raised, *sensors_m, SIZE_M)
+    assert laid.T_target_source[0, 2, 3] == pytest.approx(0.03, abs=0.001)
+    lower = rings_in_a_room(2, heights_m=(-1.47, 1.47))
+    assert lay_on_planes(before, rings_in_a_room(1), lower, *sensors_m, SIZE_M) is before
+
+
 def test_a_heap_stands_out_of_even_points_and_a_slope_has_none():
     rng = np.random.default_rng(0)
     plane = next(iter(find_thin_planes(rings_in_a_room(0), UP, np.zeros(3), SIZE_M)))

@@ -69,8 +69,9 @@ class Answer:
             for scan in (source, target)
             if len(scan.skipmap)
         ]
+        reach = f"; the scans extend over {' and '.join(extents)}" if extents else ""
         return {
-            "unit": f"coordinates taken as metres; the scans extend over {' and '.join(extents)}",
+            "unit": f"coordinates taken as metres{reach}",
             "voxel_size_m": source.skipmap.voxel_size_m,
             "source_viewpoint_m": viewpoints_m[0],
             "target_viewpoint_m": viewpoints_m[1],

@@ -88,6 +88,8 @@ def lay_on_planes(
     if not found:
         return fine
     planes, above_m, points = zip(*found, strict=True)
+    if np.ptp(above_m) > WIDE_VOXELS * voxel_size_m:
+        return fine  # they contradict each other: at least one is no common plane
     shift_m = -np.average(above_m, weights=points)
     T[:3, 3] += shift_m * planes[0].normal
     information = fine.information[0].copy()

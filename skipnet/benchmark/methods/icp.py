@@ -41,6 +41,7 @@ def make(
     reach_m = 1e6 if max_distance_m is None else max_distance_m
 
     def run(task: Task) -> Estimate:
+        """Answer one task."""
         started = time.perf_counter()
         source, target = to_cloud(task.source_m), to_cloud(task.target_m)
         if thin:

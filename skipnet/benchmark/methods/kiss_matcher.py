@@ -33,6 +33,7 @@ def make(
     fine_m = voxel_size_m / 2 if fine_voxel_size_m is None else fine_voxel_size_m
 
     def run(task: Task) -> Estimate:
+        """Answer one task."""
         started = time.perf_counter()
         matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size_m))
         solution = matcher.estimate(

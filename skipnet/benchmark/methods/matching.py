@@ -54,6 +54,7 @@ def make(
     learned = load_descriptor(Path(weights) if weights else SHIPPED_WEIGHTS)
 
     def run(task: Task) -> Estimate:
+        """Answer one task."""
         started = time.perf_counter()
         size_m = voxel_size_m or choose_voxel_size(task.source_m, task.target_m)
         source = _skipmap(task.source_m, size_m, task.source_viewpoint_m)

@@ -51,6 +51,7 @@ def make(
         raise ValueError(f"search={search}: expected one of {', '.join(searches)}")
 
     def run(task: Task) -> Estimate:
+        """Answer one task."""
         started = time.perf_counter()
         size_m = voxel_size_m or choose_voxel_size(task.source_m, task.target_m)
         source = _describe(o3d, task.source_m, task.source_viewpoint_m, size_m)

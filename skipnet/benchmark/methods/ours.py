@@ -44,6 +44,7 @@ def make(
         raise ValueError(f"options of skipnet: {str(error).splitlines()[0]}") from error
 
     def run(task: Task) -> Estimate:
+        """Answer one task."""
         started = time.perf_counter()
         size_m = voxel_size_m
         if size_m is None and voxel_scale != 1.0:

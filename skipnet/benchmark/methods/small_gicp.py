@@ -24,6 +24,7 @@ def make(voxel_size_m: float = 0.25, threads: int = 1) -> Method:
     small_gicp = require("small_gicp", "small_gicp")
 
     def run(task: Task) -> Estimate:
+        """Answer one task."""
         started = time.perf_counter()
         T_fine = refine(small_gicp, task, task.T_target_source_start, voxel_size_m, threads)
         return Estimate(T_target_source=T_fine, stage_s={"fine": time.perf_counter() - started})
