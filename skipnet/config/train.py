@@ -1,0 +1,169 @@
+"""Options of ``train.py``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from skipnet.config.checks import require
+from skipnet.config.descriptor import DescriptorTrainConfig
+
+
+class PatchKind(Enum):
+    """How a voxel's surroundings become 125 numbers (``skipnet.features.patches``)."""
+
+    surface_frame = "surface_frame"
+    axis_aligned = "axis_aligned"
+
+
+class Activation(Enum):
+    """What a hidden unit does with its sum."""
+
+    tanh = "tanh"
+    gelu = "gelu"
+
+
+class InputScaling(Enum):
+    """How the network's inputs are brought to one scale."""
+
+    standard = "standard"
+    minmax = "minmax"
+
+
+class Split(Enum):
+    """What training, validation and test sets share."""
+
+    by_scene = "by_scene"
+    random = "random"
+
+
+@dataclass
+class LabelConfig:
+    """What counts as a surface at a voxel; lengths in voxels."""
+
+    radius_voxels: float = 2.5
+    """A surface farther away does not count: half the width of 5 voxels."""
+    min_area_voxels2: float = 3.0
+    """Nor does one of which the sensor sees less there; a flat wall shows 19.6."""
+    min_beams: float = 6.0
+    """Nor one that fewer of the scanner's beams meet there."""
+
+    def __post_init__(self) -> None:
+        require(self.radius_voxels > 0, "label.radius_voxels", self.radius_voxels, "above 0")
+        require(self.min_area_voxels2 >= 0, "label.min_area_voxels2", self.min_area_voxels2, "0 up")
+        require(self.min_beams >= 0, "label.min_beams", self.min_beams, "0 or more")
+
+
+@dataclass
+class DataConfig:
+    """Where the labelled patches come from."""
+
+    families: list[str] = field(
+        default_factory=lambda: ["paper_room", "oblique", "doorway", "closed", "curved"]
+    )
+    """Simulated families, taken in turn (``skipnet.simulation.scenes.FAMILIES``)."""
+    scanner: str = "terrestrial"
+    """terrestrial or rings."""
+    turn_second_scan: bool = True
+    """Turn each scene's second cloud at random; false keeps it upright, as in the paper."""
+    patch: PatchKind = PatchKind.surface_frame
+    """surface_frame, or axis_aligned as in the paper."""
+    label: LabelConfig = field(default_factory=LabelConfig)
+    """The definition of the classes."""
+    split: Split = Split.by_scene
+    """by_scene, or random: 70 % training, 15 % validation, 15 % test of the same scenes' voxels."""
+    training_scenes: int = 160
+    """Scenes with seeds from 0, two scans each."""
+    validation_scenes: int = 15
+    """Scenes with seeds from 1000; unused by split=random."""
+    test_scenes: int = 40
+    """Scenes with seeds from 2000, never seen in training, whatever the split."""
+    most_per_class: int = 150
+    """Training and validation voxels kept of each class and scan; the test keeps all."""
+    samples: int | None = None
+    """Samples in all, the same number of each class; null keeps all."""
+    workers: int = 2
+    """Processes that simulate; the data do not depend on their number."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.families), "data.families", self.families, "at least one family")
+        for name in ("training_scenes", "validation_scenes", "test_scenes"):
+            count = getattr(self, name)
+            require(0 < count <= 1000, f"data.{name}", count, "1 to 1000: seeds must not overlap")
+        for name in ("most_per_class", "workers"):
+            require(getattr(self, name) > 0, f"data.{name}", getattr(self, name), "1 or more")
+        samples = self.samples
+        require(samples is None or samples >= 50, "data.samples", samples, "50 or more, or null")
+
+
+class NetworkKind(Enum):
+    """Which network ``train.py`` trains."""
+
+    classifier = "classifier"
+    descriptor = "descriptor"
+
+
+@dataclass
+class TrainConfig:
+    """Options of ``train.py``."""
+
+    experiment_name: str = "scenes"
+    """Its name in reports."""
+    network: NetworkKind = NetworkKind.classifier
+    """classifier of feature voxels, or descriptor: of the options below, it takes only
+    ``descriptor``, ``seed``, ``ship`` and ``output_dir``."""
+    descriptor: DescriptorTrainConfig = field(default_factory=DescriptorTrainConfig)
+    """How to train the descriptor."""
+    data: DataConfig = field(default_factory=DataConfig)
+    """What to learn from."""
+    hidden_sizes: list[int] = field(default_factory=lambda: [192, 96])
+    """Units of each hidden layer; the paper's network is [50]."""
+    activation: Activation = Activation.gelu
+    """gelu, or tanh as in the paper's network (MATLAB's tansig)."""
+    dropout: float = 0.2
+    """Share of the hidden units that training leaves out at random; 0 none."""
+    input_scaling: InputScaling = InputScaling.standard
+    """standard: mean 0, deviation 1; minmax: to [-1, 1], MATLAB's mapminmax."""
+    optimizer: dict[str, Any] = field(default_factory=dict)
+    """``_target_`` and arguments of a torch optimiser; optimizer=NAME takes configs/optimizer."""
+    learning_rate: float = 0.003
+    """Of the optimisers that have one; scaled conjugate gradient has none, as in MATLAB."""
+    cosine_decay: bool = True
+    """Let the learning rate fall to 0 over the epochs."""
+    batch_size: int | None = 512
+    """Samples per step; null takes all at once, as MATLAB does."""
+    epochs: int = 25
+    """Passes over the training set at most."""
+    goal: float = 0.0
+    """Training loss at which to stop: cross-entropy averaged over outputs and samples."""
+    min_gradient: float = 0.0
+    """Stop when the full batch's gradient is shorter; 0 never."""
+    max_fail: int = 0
+    """Stop after so many epochs above the lowest validation loss; 0 never."""
+    frequency_strength: float = 0.75
+    """A thinned class gets back this power of what thinning took: 1 as in the scan, 0 nothing."""
+    double_precision: bool = False
+    """Train in float64; scaled conjugate gradient needs it. Weights are stored in float32."""
+    ship: bool = False
+    """Put the weights and their card into the package too, as those that skipnet.register uses."""
+    compare_sklearn: bool = False
+    """Train scikit-learn's classifiers on the same samples, for the same tables."""
+    seed: int = 0
+    """Of the weights' start, the order of the batches, the random split and the peers."""
+    output_dir: str = "runs/train"
+    """Folder of the run, relative to where the user stands; a descriptor's that was interrupted
+    goes on where it was."""
+
+    def __post_init__(self) -> None:
+        sizes = self.hidden_sizes
+        require(bool(sizes) and min(sizes) > 0, "hidden_sizes", sizes, "positive layer sizes")
+        require(self.learning_rate > 0, "learning_rate", self.learning_rate, "above 0")
+        require(0 <= self.dropout < 1, "dropout", self.dropout, "0 or more and below 1")
+        batch = self.batch_size
+        require(batch is None or batch > 0, "batch_size", batch, "1 or more, or null for all")
+        require(self.epochs > 0, "epochs", self.epochs, "1 or more")
+        for name in ("goal", "min_gradient", "max_fail", "frequency_strength", "seed"):
+            require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+        require("_target_" in self.optimizer, "optimizer", self.optimizer, "a torch optimiser")
+        require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
