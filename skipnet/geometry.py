@@ -151,7 +151,15 @@ def random_rotation(rng: np.random.Generator) -> FloatArray:
 
 
 def rotation_from_vector(vector_rad: FloatArray) -> FloatArray:
-    """(3, 3) rotation about ``vector_rad`` by its length (the exponential map)."""
-    from scipy.spatial.transform import Rotation
+    """(..., 3, 3) rotations about (..., 3) vectors by their lengths: Rodrigues' formula.
 
-    return Rotation.from_rotvec(vector_rad).as_matrix()
+    SciPy has it too, in a package that takes longer to import than a registration to run.
+
+    >>> rotation_from_vector(np.array([0, 0, np.pi / 2])).round(9) @ [1, 0, 0]
+    array([0., 1., 0.])
+    """
+    vector_rad = np.asarray(vector_rad, dtype=np.float64)
+    half_turns = np.linalg.norm(vector_rad, axis=-1)[..., None, None] / np.pi
+    cross = np.cross(np.eye(3), vector_rad[..., None, :])
+    bent = 0.5 * np.sinc(half_turns / 2) ** 2 * (cross @ cross)
+    return np.eye(3) + np.sinc(half_turns) * cross + bent

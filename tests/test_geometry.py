@@ -1,11 +1,19 @@
-"""Sums over points, taken in chunks: against NumPy on the whole array."""
+"""Sums over points, taken in chunks, against NumPy on the whole array; rotations against SciPy."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from skipnet.geometry import bounds, central_moments, columns, make_transform, transform_points
+from skipnet.geometry import (
+    bounds,
+    central_moments,
+    columns,
+    make_transform,
+    rotation_from_vector,
+    transform_points,
+)
 
 
 @pytest.fixture(params=[np.float32, np.float64])
@@ -35,3 +43,15 @@ def test_central_moments_are_sums_over_the_centred_points(points_m):
     np.testing.assert_allclose(second, centred.T @ centred, rtol=1e-9)
     expected = np.einsum("ni,nj,nk->ijk", centred, centred, centred)
     np.testing.assert_allclose(third, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_rotations_are_scipys_from_none_to_a_whole_turn():
+    directions = np.random.default_rng(3).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    angles_rad = np.concatenate([np.zeros(1), np.geomspace(1e-12, 2 * np.pi, 198), [np.pi]])
+    vectors_rad = directions * angles_rad[:, None]
+    expected = Rotation.from_rotvec(vectors_rad).as_matrix()
+    np.testing.assert_allclose(rotation_from_vector(vectors_rad), expected, atol=2e-15)
+    np.testing.assert_array_equal(
+        rotation_from_vector(vectors_rad[7]), rotation_from_vector(vectors_rad)[7]
+    )

@@ -35,9 +35,12 @@ def square():
 def test_before_after_draws_both_scans_and_moves_the_source(square):
     T_target_source = make_transform(np.eye(3), np.array([10.0, 0, 0]))
     figure = pictures.draw_before_after(square, square + [10, 0, 0], T_target_source)
-    before, after = (axes.collections[0].get_offsets() for axes in figure.axes[:2])
-    assert before[:, 0].min() < 0.1 and before[:, 0].max() > 13.9
-    assert after[:, 0].min() > 9.9
+    before, after = (
+        np.concatenate([line.get_xdata() for line in axes.lines]) for axes in figure.axes[:2]
+    )
+    assert len(before) == len(after) == 2 * len(pictures.thin(square))
+    assert before.min() < 0.1 and before.max() > 13.9
+    assert after.min() > 9.9
     views = ("from above", "from the side")
     titles = [f"{stage}, {view}" for view in views for stage in ("before", "after")]
     assert [axes.get_title() for axes in figure.axes] == titles

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.geometry import invert, make_transform
+from skipnet.geometry import invert, make_transform, rotation_from_vector
 from skipnet.registration.surface_table import SurfaceTable, build_surface_table
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
@@ -226,8 +226,6 @@ def _linearise(
 
 def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, float]:
     """Move every pose by its normal equations' solution; directions left free stay put."""
-    from scipy.spatial.transform import Rotation
-
     diagonal = np.einsum("cii->ci", matches.information)
     # Mean squared lever of the rotation: what it moves where the normals feel it.
     weight = diagonal[:, 3:].sum(axis=1, keepdims=True)
@@ -238,7 +236,7 @@ def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, fl
     step = np.linalg.solve(
         matches.information + np.eye(6) * damping[..., None], matches.gradient[..., None]
     )[..., 0]
-    rotation = Rotation.from_rotvec(step[:, :3]).as_matrix()
+    rotation = rotation_from_vector(step[:, :3])
     about_m = matches.centre_m
     shift_m = about_m - np.einsum("cij,cj->ci", rotation, about_m) + step[:, 3:]
     turned_m = np.linalg.norm(step[:, :3], axis=1) * np.sqrt(square_m2[:, 0])
