@@ -37,7 +37,7 @@ def read_points(path: str | os.PathLike[str]) -> FloatArray:
 
 
 def read_chunks(path: str | os.PathLike[str]) -> Iterator[FloatArray]:
-    """As ``read_points``, a million points at a time where the format allows it.
+    """As ``read_points``, 262,144 points at a time where the format allows it.
 
     Binary PLY, LAS and LAZ do; other files come in one piece. Errors in a file's middle are raised
     when the reading gets there.

@@ -31,7 +31,7 @@ _TYPES = {
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER_LINES = 1000
 _COLORS = ("red", "green", "blue")
-RECORDS_AT_ONCE = 1 << 20
+RECORDS_AT_ONCE = 1 << 18
 """Records read or written in one go."""
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from skipnet.geometry import bounds
-from skipnet.skipmap.cells import CELL_MAX, POINTS_AT_ONCE
+from skipnet.skipmap.cells import CELL_MAX
 from skipnet.skipmap.tree import SkipTree, build_tree, merge_trees
 from skipnet.types import FloatArray
 
@@ -19,6 +19,10 @@ MOST_VOXELS = 1 << 19
 """Voxels that stay: fifty for each one of a registration's Skip-map."""
 FINEST_VOXEL_M = 2.0**-10
 """Where thinning starts: nearer than a scanner's noise, and without rounding when it is doubled."""
+_POINTS_AT_ONCE = 1 << 17
+"""Points of one tree: at the finest, each is a voxel of its own and takes eight times its memory."""
+_FULL = 1.25
+"""Trees are merged when they have so many times the voxels that may stay."""
 
 
 def thin_chunks(
@@ -52,7 +56,7 @@ def thin_chunks(
         reach_m = np.abs([low_m - origin_m, high_m - origin_m]).max()
         level = max(level, int(np.ceil(np.log2(max(reach_m / (finest_m * CELL_MAX), 1)))))
         pending.append(build_tree(chunk_m, finest_m * 2**level, origin_m))
-        if sum(map(len, pending)) > 1.5 * most_voxels:
+        if sum(map(len, pending)) > _FULL * most_voxels:
             pending, level = _merge(pending, most_voxels, finest_m, level)
     if not pending:
         raise ValueError(f"{name}: holds no points")
@@ -63,17 +67,17 @@ def thin_chunks(
 def _pieces(chunks: Iterable[FloatArray]) -> Iterator[FloatArray]:
     """Chunks in pieces of which each makes one tree."""
     for chunk_m in chunks:
-        for start in range(0, len(chunk_m), POINTS_AT_ONCE):
-            yield chunk_m[start : start + POINTS_AT_ONCE]
+        for start in range(0, len(chunk_m), _POINTS_AT_ONCE):
+            yield chunk_m[start : start + _POINTS_AT_ONCE]
 
 
 def _merge(
     trees: list[SkipTree], most_voxels: int, finest_m: float, level: int
 ) -> tuple[list[SkipTree], int]:
     """One tree of all, at ``level`` or as much coarser as it takes; and its level."""
-    own_levels = [round(np.log2(tree.voxel_size_m / finest_m)) for tree in trees]
+    behind = [level - round(np.log2(tree.voxel_size_m / finest_m)) for tree in trees]
     merged = merge_trees(
-        [tree.coarser(level - own) for tree, own in zip(trees, own_levels, strict=True)]
+        [tree.coarser(by) if by else tree for tree, by in zip(trees, behind, strict=True)]
     )
     while len(merged) > most_voxels:
         merged, level = merged.coarser(), level + 1
