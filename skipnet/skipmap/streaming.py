@@ -20,7 +20,7 @@ MOST_VOXELS = 1 << 19
 FINEST_VOXEL_M = 2.0**-10
 """Where thinning starts: nearer than a scanner's noise, and without rounding when it is doubled."""
 _POINTS_AT_ONCE = 1 << 17
-"""Points of one tree: at the finest, each is a voxel of its own and takes eight times its memory."""
+"""Points of one tree: at the finest, each is a voxel of its own, of eight times its memory."""
 _FULL = 1.25
 """Trees are merged when they have so many times the voxels that may stay."""
 
