@@ -35,11 +35,19 @@ def test_the_exponent_is_that_of_the_law_the_times_follow(power):
     assert found == {"skipnet": pytest.approx(power), "other": pytest.approx(0.0, abs=1e-12)}
 
 
+def test_the_exponent_of_the_largest_sizes_leaves_out_what_does_not_grow():
+    measured = [measurement(n, 1.0) for n in (10, 100)]
+    measured += [measurement(n, 1e-3 * n) for n in (10_000, 100_000, 1_000_000)]
+    assert exponents(measured)["paper_room"]["skipnet"] < 0.9
+    assert exponents(measured, 3)["paper_room"]["skipnet"] == pytest.approx(1.0)
+
+
 def test_medians_are_over_the_pairs_of_one_size_and_method():
     measured = [measurement(10, t, stages_s={"map": t / 2}) for t in (1.0, 5.0, 2.0)]
     measured.append(measurement(10, 7.0, "other", extra_bytes=30, input_bytes=10))
     ours, other = summarise(measured)
     assert (ours["time_s"], ours["stages_s"], ours["pairs"]) == (2.0, {"map": 1.0}, 3)
+    assert (ours["fastest_s"], ours["slowest_s"]) == (1.0, 5.0)
     assert (other["time_s"], other["extra_bytes"], ours["extra_bytes"]) == (7.0, 30, None)
 
 
@@ -84,7 +92,9 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path):
     assert order == [(0, "skipnet"), (0, "icp"), (1, "icp"), (1, "skipnet")]
     assert all(line["points"] > 0.5 * line["beams"] for line in lines)
     report = (run / "report.md").read_text()
-    assert "exponent" in report and "ICP directly takes" in report and "| skip-map |" in report
+    assert "ICP directly takes" in report and "| skip-map |" in report
+    for title in ("Growth", "Time as a multiple of that of skipnet"):
+        assert f"## {title}, paper_room" in report
     assert (run / "figures" / "times.png").read_bytes().startswith(b"\x89PNG")
     with open(run / "scores.csv", encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == 3

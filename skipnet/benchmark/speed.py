@@ -26,7 +26,7 @@ from skipnet.benchmark.methods import Method, Task, make_method
 from skipnet.config import EvaluateConfig
 from skipnet.geometry import pose_error
 from skipnet.simulation.pairs import simulate_pair
-from skipnet.types import Pair
+from skipnet.types import FloatArray, Pair
 
 MEASUREMENTS_FILE = "measurements.jsonl"
 _WARM_UP_BEAMS = 5000
@@ -116,7 +116,7 @@ def measure(method: Method, pair: Pair, about: Measurement) -> Measurement:
         points=len(pair.source_m) + len(pair.target_m),
         input_bytes=pair.source_m.nbytes + pair.target_m.nbytes,
     )
-    task = Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
+    task = _task(pair)
     started = time.perf_counter()
     try:
         estimate = method(task)
@@ -130,6 +130,10 @@ def measure(method: Method, pair: Pair, about: Measurement) -> Measurement:
     )
     stages_s = dict(estimate.timings_s or estimate.stage_s)
     return replace(found, time_s=time_s, is_right=is_right, stages_s=stages_s)
+
+
+def _task(pair: Pair) -> Task:
+    return Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
 
 
 def peak_bytes(recipe: tuple[str, Mapping[str, Any]], pair: Pair, small: Pair) -> int | None:
@@ -146,8 +150,9 @@ def peak_bytes(recipe: tuple[str, Mapping[str, Any]], pair: Pair, small: Pair) -
         paths = [Path(folder) / f"{name}.npy" for name in ("source", "target")]
         np.save(paths[0], pair.source_m)
         np.save(paths[1], pair.target_m)
-        task = Task(small.source_m, small.target_m)
-        child = context.Process(target=_report_peak, args=(recipe, paths, task, theirs))
+        viewpoints_m = pair.source_viewpoint_m, pair.target_viewpoint_m
+        arguments = recipe, paths, viewpoints_m, _task(small), theirs
+        child = context.Process(target=_report_peak, args=arguments)
         child.start()
         theirs.close()
         try:
@@ -159,12 +164,16 @@ def peak_bytes(recipe: tuple[str, Mapping[str, Any]], pair: Pair, small: Pair) -
 
 
 def _report_peak(
-    recipe: tuple[str, Mapping[str, Any]], paths: list[Path], small: Task, pipe: Connection
+    recipe: tuple[str, Mapping[str, Any]],
+    paths: list[Path],
+    viewpoints_m: tuple[FloatArray | None, FloatArray | None],
+    small: Task,
+    pipe: Connection,
 ) -> None:
     """The child: how far the peak of resident memory rises above where it stood before the call."""
     method = make_method(*recipe)
     method(small)
-    task = Task(np.load(paths[0]), np.load(paths[1]))
+    task = Task(np.load(paths[0]), np.load(paths[1]), *viewpoints_m)
     before = _memory_bytes()[0]
     method(task)
     pipe.send(max(_memory_bytes()[1] - before, 0))

@@ -1,4 +1,4 @@
-"""What ``benchmark=speed`` leaves for people: tables, the log-log plot, exponents, ratios."""
+"""What ``benchmark=speed`` leaves for people: tables, exponents, ratios, the log-log plot."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ import numpy as np
 
 from skipnet.benchmark.figures import ReportFigure
 from skipnet.benchmark.report import html_page, markdown, run_versions, write_figures
-from skipnet.benchmark.tables import NOTHING, PAPER_TABLE_2, Table, number
+from skipnet.benchmark.speed_figures import draw_growth
+from skipnet.benchmark.tables import NOTHING, Table, number
 from skipnet.config import EvaluateConfig
 from skipnet.viz.dashboard import log_png, log_scalars, open_dashboard
-from skipnet.viz.pictures import scan_colour
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from skipnet.benchmark.speed import Measurement
 
-PAPER_MAP_S = PAPER_TABLE_2["skipnet", "coarse"]["map_s"]
-"""What voxels and map alone took in the paper."""
+LARGEST_SIZES = 3
+"""What grows with the points shows at the largest sizes; at the small ones all else outweighs it.
+"""
 
 
 def write_speed_report(
@@ -37,18 +36,26 @@ def write_speed_report(
         "comparison": _ratios(config, measured, labels),
         "rows": summarise(measured),
         "exponents": exponents(measured),
+        "exponents_of_largest": exponents(measured, LARGEST_SIZES),
     }
     tables = []
     for family in config.speed.families:
         seen = [found for found in measured if found.family == family]
-        tables += [_times_table(family, seen, labels), _stages_table(family, seen)]
+        tables += [
+            _times_table(family, seen, labels),
+            _ratio_table(family, seen, labels),
+            _exponent_table(family, summary, labels),
+            _stages_table(family, seen),
+        ]
         if config.speed.memory:
             tables.append(_memory_table(family, seen, labels))
     caption = (
-        "Median time against points per scan, both logarithmic; the exponent is the slope of the "
-        f"fitted line. Dashed: {PAPER_MAP_S:.1f} s for voxels and map in the paper."
+        "Against points per scan, all logarithmic. Above, median time, with bars from the fastest "
+        "to the slowest run; the exponent is the slope of the line fitted to all sizes. Below, "
+        "peak memory beyond the two scans."
     )
-    figures = [ReportFigure("times", caption, draw_times(config, measured, labels))]
+    growth = draw_growth(config, summary["rows"], summary["exponents"], labels)
+    figures = [ReportFigure("times", caption, growth)]
     pictures = write_figures(figures, folder / "figures")
     text = json.dumps(summary, indent=1, allow_nan=False)
     (folder / "summary.json").write_text(text, encoding="utf-8")
@@ -89,6 +96,8 @@ def summarise(measured: Sequence[Measurement]) -> list[dict[str, Any]]:
                 "successes": sum(m.is_right for m in same),
                 "points_per_scan": _median(m.points / 2 for m in same),
                 "time_s": _median(m.time_s for m in same),
+                "fastest_s": min(m.time_s for m in same),
+                "slowest_s": max(m.time_s for m in same),
                 "stages_s": {s: _median(m.stages_s.get(s, 0.0) for m in same) for s in stages},
                 "input_bytes": same[0].input_bytes,
                 "extra_bytes": extra[0] if extra else None,
@@ -97,43 +106,26 @@ def summarise(measured: Sequence[Measurement]) -> list[dict[str, Any]]:
     return rows
 
 
-def exponents(measured: Sequence[Measurement]) -> dict[str, dict[str, float]]:
-    """Of each family and method: b of the fit time = a * points^b over all sizes (two or more)."""
+def exponents(
+    measured: Sequence[Measurement], sizes: int | None = None
+) -> dict[str, dict[str, float]]:
+    """Of each family and method: b of the fit time = a * points^b, where it met two sizes or more.
+
+    Args:
+        measured: in order of size.
+        sizes: fit to so many of a method's largest sizes; None takes all.
+    """
     found: dict[str, dict[str, float]] = {}
     rows = summarise(measured)
     for family, method in dict.fromkeys((row["family"], row["method"]) for row in rows):
         same = [row for row in rows if (row["family"], row["method"]) == (family, method)]
+        same = same[-sizes:] if sizes else same
         if len(same) > 1:
-            points, time_s = (np.log([row[key] for row in same]) for key in _AXES)
+            points, time_s = (
+                np.log([row[key] for row in same]) for key in ("points_per_scan", "time_s")
+            )
             found.setdefault(family, {})[method] = float(np.polyfit(points, time_s, 1)[0])
     return found
-
-
-_AXES = ("points_per_scan", "time_s")
-
-
-def draw_times(
-    config: EvaluateConfig, measured: Sequence[Measurement], labels: dict[str, str]
-) -> Figure:
-    """A log-log plot per family, every method a line with its exponent."""
-    from matplotlib.figure import Figure
-
-    families = config.speed.families
-    figure = Figure(figsize=(5.2 * len(families) + 1, 4.6), layout="constrained")
-    rows, slopes = summarise(measured), exponents(measured)
-    for place, family in enumerate(families):
-        axes = figure.add_subplot(1, len(families), place + 1)
-        for index, (method, label) in enumerate(labels.items()):
-            same = [row for row in rows if (row["family"], row["method"]) == (family, method)]
-            slope = slopes.get(family, {}).get(method)
-            name = label if slope is None else f"{label}, exponent {slope:.2f}"
-            points, time_s = ([row[key] for row in same] for key in _AXES)
-            axes.loglog(points, time_s, "o-", color=scan_colour(index), label=name)
-        axes.axhline(PAPER_MAP_S, color="0.4", linestyle="--", linewidth=1)
-        axes.set(title=family, xlabel="points per scan", ylabel="time (s)")
-        axes.grid(alpha=0.3)
-        axes.legend(frameon=False, fontsize="small")
-    return figure
 
 
 def _about(config: EvaluateConfig) -> dict[str, str]:
@@ -172,6 +164,30 @@ def _times_table(family: str, seen: Sequence[Measurement], labels: dict[str, str
 
     note = "Median seconds, and how many poses are right. – : above the method's limit of beams."
     return _by_size(f"Time, {family}", seen, labels, cell, note)
+
+
+def _ratio_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
+    """How many times as long as the first method the others take."""
+    first = next(iter(labels))
+    own_s = {row["beams"]: row["time_s"] for row in summarise(seen) if row["method"] == first}
+
+    def cell(row: dict[str, Any]) -> str:
+        """Ratio of the medians of one method and of the first at one size."""
+        return number(row["time_s"] / own_s[row["beams"]]) if row["beams"] in own_s else NOTHING
+
+    title = f"Time as a multiple of that of {labels[first]}, {family}"
+    return _by_size(title, seen, labels, cell, "")
+
+
+def _exponent_table(family: str, summary: dict[str, Any], labels: dict[str, str]) -> Table:
+    """How the time grows, in all and where the points outweigh what does not grow with them."""
+    fits = [summary[key].get(family, {}) for key in ("exponents", "exponents_of_largest")]
+    lines = tuple(
+        (label, *(f"{fit[name]:.2f}" if name in fit else NOTHING for fit in fits))
+        for name, label in labels.items()
+    )
+    headers = ("b of time = a points^b", "all sizes", f"its {LARGEST_SIZES} largest")
+    return Table(f"Growth, {family}", headers, lines)
 
 
 def _memory_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
