@@ -182,8 +182,10 @@ def test_planes_that_leave_directions_free_are_ambiguous_and_the_axes_are_named(
     np.testing.assert_allclose(axes[:, 1], 0, atol=0.02)
     if free == 1:
         np.testing.assert_allclose(np.abs(axes), [[1, 0, 0]], atol=0.02)
-    moved_m = (result.T_target_source @ T)[:3, 3]
-    assert abs(moved_m[1]) < 0.01
+    # Turned by 180 degrees a corridor looks the same: what is known is where its walls are.
+    beside_m = np.array([[0, low[1], 0] for low, high in walls if low[1] == high[1]])
+    found_m = transform_points(result.T_target_source @ T, beside_m)[:, 1]
+    np.testing.assert_allclose(np.sort(found_m), np.sort(beside_m[:, 1]), atol=0.01)
 
 
 def test_the_free_axis_is_named_in_the_targets_frame_whichever_scan_that_is():

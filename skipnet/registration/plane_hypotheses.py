@@ -234,11 +234,14 @@ def _vote(
     near = np.abs(offsets_m[:, None] - offsets_m) < width_m
     support = near @ weights
     mean_m = (near @ (weights * offsets_m)) / support
-    left = np.argsort(-support, kind="stable")
-    peaks: list[int] = []
-    while len(left) and len(peaks) < count:
-        peaks.append(left[0])
-        left = left[np.abs(mean_m[left] - mean_m[left[0]]) > width_m]
+    order = np.argsort(-support, kind="stable")
+    mean_m, support = mean_m[order], support[order]
+    apart = np.abs(mean_m[:, None] - mean_m) > width_m
+    left, peaks = np.ones(len(mean_m), dtype=bool), list[int]()
+    while left.any() and len(peaks) < count:
+        peaks.append(int(left.argmax()))
+        left &= apart[peaks[-1]]
+        left[peaks[-1]] = False
     return mean_m[peaks], support[peaks]
 
 
@@ -248,8 +251,12 @@ def _solve(
     """(M, 3) translations from all combinations of three directions' peaks, strongest first."""
     if abs(np.linalg.det(axes)) < 0.2:
         return np.zeros((0, 3))
-    grids = np.meshgrid(*[shift_m for shift_m, _ in votes], indexing="ij")
-    support = np.sum(np.meshgrid(*[weight for _, weight in votes], indexing="ij"), axis=0).ravel()
-    shifts_m = np.stack([grid.ravel() for grid in grids], axis=-1)
-    strongest = np.argsort(-support, kind="stable")[:count]
-    return np.linalg.solve(axes, shifts_m[strongest].T).T
+    (shift_i, weight_i), (shift_j, weight_j), (shift_k, weight_k) = votes
+    support = (weight_i[:, None, None] + weight_j[:, None] + weight_k).ravel()
+    if len(support) > count:
+        strongest = np.argpartition(-support, count)[:count]
+    else:
+        strongest = np.arange(len(support))
+    i, j, k = np.unravel_index(strongest, (len(shift_i), len(shift_j), len(shift_k)))
+    shifts_m = np.stack([shift_i[i], shift_j[j], shift_k[k]])
+    return (np.linalg.inv(axes) @ shifts_m).T

@@ -8,6 +8,9 @@ from skipnet.features.primitives import Planes
 from skipnet.registration.hypotheses import best_rotations, bisector_frames
 from skipnet.types import FloatArray, IntArray
 
+_ROTATIONS_AT_ONCE = 128
+"""So few that what is computed of them on the way stays in the processor's cache."""
+
 
 def plane_rotations(
     source: Planes, target: Planes, max_rotations: int, max_angle_rad: float
@@ -28,7 +31,11 @@ def plane_rotations(
     frames_t = bisector_frames(target.normals[k[q]], target.normals[m[q]])
     frames_s = bisector_frames(source.normals[i[p]], source.normals[j[p]])
     rotations: FloatArray = frames_t @ frames_s.transpose(0, 2, 1)
-    support = _shared_area(rotations, source, target, 1.5 * max_angle_rad).sum(axis=(1, 2))
+    starts = range(0, len(rotations), _ROTATIONS_AT_ONCE)
+    chunks = (rotations[start : start + _ROTATIONS_AT_ONCE] for start in starts)
+    support = np.concatenate(
+        [_shared_area(chunk, source, target, 1.5 * max_angle_rad).sum((1, 2)) for chunk in chunks]
+    )
     rotations = _distinct_rotations(rotations, support, max_rotations, 1.5 * max_angle_rad)
     shared = _shared_area(rotations, source, target, 1.5 * max_angle_rad)
     return best_rotations(np.einsum("rst,ti,sj->rij", shared, target.normals, source.normals))
@@ -46,11 +53,12 @@ def _shared_area(
     rotations: FloatArray, source: Planes, target: Planes, max_angle_rad: float
 ) -> FloatArray:
     """(R, S, T) area that each source plane shares with the target plane most parallel to it."""
-    cosine = np.einsum("rij,sj,ti->rst", rotations, source.normals, target.normals, optimize=True)
-    shared = np.where(
-        cosine > np.cos(max_angle_rad), np.minimum(source.weights[:, None], target.weights), 0.0
-    )
-    return np.where(shared == shared.max(axis=2, keepdims=True), shared, 0.0)
+    turned = (rotations @ source.normals.T).transpose(0, 2, 1).reshape(-1, 3)
+    cosine = (turned @ target.normals.T).reshape(len(rotations), len(source), len(target))
+    area = np.minimum(source.weights[:, None], target.weights)
+    shared = np.multiply(cosine > np.cos(max_angle_rad), area)
+    shared *= shared == shared.max(axis=2, keepdims=True)
+    return shared
 
 
 def _distinct_rotations(
@@ -59,9 +67,10 @@ def _distinct_rotations(
     """Greedy choice by support; rotations within ``min_angle_rad`` of a better one are dropped."""
     min_trace = 1 + 2 * np.cos(min_angle_rad)
     left = np.argsort(-support, kind="stable")
+    flat = rotations.reshape(-1, 9)[left]
     kept: list[int] = []
     while len(left) and len(kept) < max_rotations:
         kept.append(left[0])
-        trace = np.einsum("rij,ij->r", rotations[left], rotations[left[0]])
-        left = left[trace < min_trace]
+        apart = np.flatnonzero(flat @ flat[0] < min_trace)
+        left, flat = left.take(apart), flat.take(apart, axis=0)
     return rotations[kept]

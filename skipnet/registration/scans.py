@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
@@ -83,11 +83,10 @@ class Scan:
     """At twice the voxel size: where fine alignment starts."""
     fine_tree: SkipTree
     """All voxels of half the size, effective or not."""
-    fine_skipmap: SkipMap
-    """At half the voxel size: where fine alignment ends."""
     evidence: Evidence
     """For the judge."""
-    planes: Planes
+    fine: Future[SkipMap]
+    """What ``fine_skipmap`` waits for."""
 
     @property
     def viewpoint_m(self) -> FloatArray | None:
@@ -106,6 +105,16 @@ class Scan:
         """Orders scans by themselves alone: occupied voxels, then points, then spread."""
         moments = self.fine_tree.moments
         return len(moments), int(moments.count.sum()), float(moments.second.sum())
+
+    @property
+    def fine_skipmap(self) -> SkipMap:
+        """At half the voxel size: where fine alignment ends. Worked out while poses are sought."""
+        return self.fine.result()
+
+    @cached_property
+    def planes(self) -> Planes:
+        """The planes of the scan, heaviest first."""
+        return find_planes(self.skipmap)
 
     @property
     def is_sparse(self) -> bool:
@@ -175,12 +184,15 @@ def describe(
         voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
         seed: of the order in which the judge samples voxels.
     """
+    background = ThreadPoolExecutor(1)
     with ThreadPoolExecutor() as pool:
         frames = list(pool.map(principal_frame, clouds_m))
         if voxel_size_m is None:
             voxel_size_m = choose_voxel_size(*clouds_m, T_given_own=frames)
-        one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed)
-        return list(pool.map(one, clouds_m, viewpoints, frames))
+        one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed, background=background)
+        scans = list(pool.map(one, clouds_m, viewpoints, frames))
+    background.shutdown(wait=False)  # goes on without being waited for
+    return scans
 
 
 def _describe_one(
@@ -189,10 +201,11 @@ def _describe_one(
     T_given_own: FloatArray,
     voxel_size_m: float,
     seed: int,
+    background: Executor,
 ) -> Scan:
-    """Build a scan's Skip-maps, find out its viewpoint and read off its planes."""
+    """Build a scan's Skip-maps, the finest in the ``background``, and find out its viewpoint."""
     T_own_given = invert(T_given_own)
-    fine_tree = build_tree(points_m, voxel_size_m / 2, T_tree_points=T_own_given)
+    fine_tree = build_tree(points_m, voxel_size_m / 2, np.zeros(3), T_own_given)
     tree = fine_tree.coarser()
     skipmap = skipmap_of_tree(tree)
     if isinstance(viewpoint, str):
@@ -206,9 +219,8 @@ def _describe_one(
     return Scan(
         T_given_own=T_given_own,
         skipmap=skipmap,
-        coarse=skipmap_of_tree(tree.coarser(), skipmap.viewpoint_m),
+        coarse=skipmap_of_tree(tree.coarser(), viewpoint_m),
         fine_tree=fine_tree,
-        fine_skipmap=skipmap_of_tree(fine_tree, skipmap.viewpoint_m),
         evidence=build_evidence(skipmap, points_m, rng, T_own_given),
-        planes=find_planes(skipmap),
+        fine=background.submit(skipmap_of_tree, fine_tree, viewpoint_m),
     )

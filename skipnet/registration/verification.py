@@ -23,6 +23,8 @@ _AT_ONCE = 1 << 16
 """Voxels, over all candidates, judged in one go: what is computed of them stays in the cache."""
 
 
+HOPELESS = 0.15
+"""A candidate that scores less than this share of the best one's will not overtake it."""
 STRAY_SHARE = 0.0003
 """Share of voxels that may contradict by chance: one of 4000 samples."""
 
@@ -199,7 +201,8 @@ def shortlist(
         distinct(T_target_source, source.centre_m, 3 * source.voxel_size_m)
     ]
     total = judge(T_target_source, source, target, final_samples, violation_weight).total
-    return T_target_source[np.argsort(-total, kind="stable")[:count]]
+    best = np.argsort(-total, kind="stable")[:count]
+    return T_target_source[best[total[best] >= HOPELESS * total.max(initial=0.0)]]
 
 
 def distinct(
@@ -216,15 +219,15 @@ def distinct(
         min_distance_m: poses that move it apart by more are distinct ...
         min_angle_rad: ... and so are those turned by more.
     """
+    rotations = T_target_source[:, :3, :3].reshape(-1, 9)
     moved_m = T_target_source[:, :3, :3] @ centre_m + T_target_source[:, :3, 3]
-    min_trace = 1 + 2 * np.cos(min_angle_rad)
-    left, kept = np.arange(len(T_target_source)), []
-    while len(left):
-        best = left[0]
-        kept.append(best)
-        trace = np.einsum("cij,ij->c", T_target_source[left, :3, :3], T_target_source[best, :3, :3])
-        apart_m = np.linalg.norm(moved_m[left] - moved_m[best], axis=1)
-        left = left[(trace < min_trace) | (apart_m > min_distance_m)]
+    apart_m = np.linalg.norm(moved_m[:, None] - moved_m, axis=2)
+    same = (rotations @ rotations.T >= 1 + 2 * np.cos(min_angle_rad)) & (apart_m <= min_distance_m)
+    left, kept = np.ones(len(T_target_source), dtype=bool), []
+    for row in range(len(T_target_source)):
+        if left[row]:
+            kept.append(row)
+            left &= ~same[row]
     return np.array(kept, dtype=np.int64)
 
 
@@ -239,8 +242,12 @@ def _one_way(
     at_once = max(1, _AT_ONCE // max(1, points_m.shape[1]))
     for start in range(0, len(T), at_once):
         some = T[start : start + at_once]
-        points_b_m = some[:, :3, :3] @ points_m + some[:, :3, 3:]
-        match = _match(points_b_m, some[:, :3, :3] @ normals, a.oriented, b, strictness)
+        # One product for all: of as many small ones each costs more than it computes.
+        turns = np.ascontiguousarray(some[:, :3, :3]).reshape(-1, 3)
+        points_b_m = (turns @ points_m).reshape(len(some), 3, -1)
+        points_b_m += some[:, :3, 3:]
+        normals_b = (turns @ normals).reshape(len(some), 3, -1)
+        match = _match(points_b_m, normals_b, a.oriented, b, strictness)
         shares[0, start : start + at_once] = match @ weights
         if b.range_image is not None:
             free = _in_free_space(points_b_m, ~match, b.range_image, b.voxel_size_m, strictness)

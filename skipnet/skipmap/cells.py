@@ -75,16 +75,6 @@ def halve(keys: IntArray) -> IntArray:
     return ((keys >> 1) & _LOW_BITS) + _HALF_OFFSETS
 
 
-def distinct_keys(keys: IntArray) -> IntArray:
-    """The distinct ones of some keys, ascending; a sort is faster here than ``np.unique``'s hash.
-
-    >>> distinct_keys(np.array([5, 3, 5, 4]))
-    array([3, 4, 5])
-    """
-    keys = np.sort(keys)
-    return keys[np.concatenate([[True], keys[1:] != keys[:-1]])[: len(keys)]]
-
-
 @dataclass(frozen=True)
 class _Box:
     """A block of cells, numbered by x, then y, then z: numbers sort as packed keys do."""
@@ -111,18 +101,24 @@ class _Box:
 
     def number(self, cells: IntArray) -> IntArray:
         """(N,) int32 numbers of (3, N) cells in a box of less than 2^31."""
-        x, y, z = (cells[axis] - np.int32(self.low[axis]) for axis in range(3))
+        x, y, z = (cells[axis].astype(np.int32) - np.int32(self.low[axis]) for axis in range(3))
         x *= np.int32(self.shape[1])
         x += y
         x *= np.int32(self.shape[2])
         x += z
         return x
 
+    def occupied(self, number: IntArray) -> IntArray:
+        """The distinct ones of (N,) numbers, ascending."""
+        there = np.zeros(self.size, dtype=bool)
+        there[number] = True
+        return np.flatnonzero(there)
+
     def cells(self, numbers: IntArray) -> IntArray:
         """(N, 3) int64 cells of numbers; the inverse of ``number``."""
         columns, z = np.divmod(numbers, self.shape[2])
         x, y = np.divmod(columns, self.shape[1])
-        return np.stack([x, y, z], axis=-1) + self.low
+        return (np.stack([x, y, z]) + self.low[:, None]).T
 
 
 def group_by_cell(xyz_m: FloatArray, voxel_size_m: float) -> tuple[IntArray, IntArray]:
@@ -146,12 +142,29 @@ def group_by_cell(xyz_m: FloatArray, voxel_size_m: float) -> tuple[IntArray, Int
     if box.size > _LARGEST_TABLE:
         return np.unique(pack(cells.T), return_inverse=True)
     number = box.number(cells)
-    occupied = np.zeros(box.size, dtype=bool)
-    occupied[number] = True
-    numbers = np.flatnonzero(occupied)
+    numbers = box.occupied(number)
     row_of = np.empty(box.size, dtype=np.int32)
     row_of[numbers] = np.arange(len(numbers), dtype=np.int32)
-    return pack(box.cells(numbers)), row_of[number]
+    return pack(box.cells(numbers)), row_of.take(number)
+
+
+def occupied_cells(xyz_m: FloatArray, voxel_size_m: float) -> IntArray:
+    """The (3, G) cells of the grid of ``group_by_cell`` that hold some of (3, N) points."""
+    return distinct_cells(_to_cells(xyz_m * (1.0 / voxel_size_m), voxel_size_m))
+
+
+def distinct_cells(cells: IntArray) -> IntArray:
+    """The distinct ones of (3, N) cells, (3, G), sorted by x, then y, then z.
+
+    >>> distinct_cells(np.array([[2, 0, 2], [0, 1, 0], [0, 0, 0]]))
+    array([[0, 2],
+           [1, 0],
+           [0, 0]])
+    """
+    box = _Box.around(cells)
+    if box.size > _LARGEST_TABLE:
+        return unpack(np.unique(pack(cells.T))).T
+    return box.cells(box.occupied(box.number(cells))).T
 
 
 def neighbour_rows(keys: IntArray, offsets: IntArray) -> IntArray:

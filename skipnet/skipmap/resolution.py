@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import reduce
 
 import numpy as np
 
 from skipnet.geometry import columns, invert, make_transform, principal_frame, transform_points
-from skipnet.skipmap.cells import (
-    CELL_MAX,
-    POINTS_AT_ONCE,
-    distinct_keys,
-    group_by_cell,
-    halve,
-    pack,
-    unpack,
-)
+from skipnet.skipmap.cells import CELL_MAX, POINTS_AT_ONCE, distinct_cells, occupied_cells
 from skipnet.types import FloatArray, IntArray
 
 TARGET_VOXELS = 10_000
@@ -45,11 +38,9 @@ def choose_voxel_size(
         Voxel size in the points' unit, to two digits: small changes of the input leave it alone.
     """
     frames = T_given_own or [principal_frame(points_m) for points_m in clouds_m]
-    size_m = max(
-        _size_for_one(points_m, invert(frame))
-        for points_m, frame in zip(clouds_m, frames, strict=True)
-    )
-    return float(f"{size_m:.2g}")
+    with ThreadPoolExecutor() as pool:
+        sizes_m = pool.map(_size_for_one, clouds_m, [invert(frame) for frame in frames])
+        return float(f"{max(sizes_m):.2g}")
 
 
 def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
@@ -59,13 +50,13 @@ def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
     reach_m = _reach_m(points_m, T_middle_points)
     spread_m = spread_m or reach_m
     finest_m = max(spread_m / 64, reach_m / CELL_MAX)
-    keys = _occupied_keys(points_m, T_middle_points, finest_m)
+    cells = _occupied_cells(points_m, T_middle_points, finest_m)
     # From their own lowest corner up: halved often enough, all cells meet in one.
-    keys += pack(np.zeros(3, dtype=np.int64)) - pack(unpack(keys).T.min(axis=1))
-    counts = [len(keys)]
+    cells -= cells.min(axis=1, keepdims=True)
+    counts = [cells.shape[1]]
     while counts[-1] > max(goal, 1):
-        keys = distinct_keys(halve(keys))
-        counts.append(len(keys))
+        cells = distinct_cells(cells >> 1)
+        counts.append(cells.shape[1])
     if len(counts) == 1:
         # A finer size serves: the number of voxels on surfaces grows with 1 / size^2.
         return finest_m * float(np.sqrt(counts[0] / goal))
@@ -82,10 +73,11 @@ def _middle_and_spread(points_m: FloatArray, T_own_points: FloatArray) -> tuple[
     """
     if len(points_m) > _SAMPLE:
         chosen = np.random.default_rng(0).integers(len(points_m), size=_SAMPLE)
-        points_m = points_m[chosen]
-    own_m = transform_points(T_own_points, points_m)
-    middle_m = np.median(own_m, axis=0)
-    spread_m = float(np.quantile(np.linalg.norm(own_m - middle_m, axis=1), 0.75))
+        points_m = points_m.take(chosen, axis=0)
+    own_m = np.ascontiguousarray(transform_points(T_own_points, points_m).T)
+    middle_m = np.array([np.median(axis_m) for axis_m in own_m])
+    own_m -= middle_m[:, None]
+    spread_m = float(np.quantile(np.sqrt(np.einsum("ij,ij->j", own_m, own_m)), 0.75))
     return make_transform(np.eye(3), -middle_m) @ T_own_points, spread_m
 
 
@@ -97,12 +89,12 @@ def _reach_m(points_m: FloatArray, T_middle_points: FloatArray) -> float:
     )
 
 
-def _occupied_keys(
+def _occupied_cells(
     points_m: FloatArray, T_middle_points: FloatArray, voxel_size_m: float
 ) -> IntArray:
-    """Packed cells that hold points, ascending."""
+    """(3, G) cells that hold points."""
     chunks = (
-        group_by_cell(xyz_m, voxel_size_m)[0]
+        occupied_cells(xyz_m, voxel_size_m)
         for xyz_m in columns(points_m, T_middle_points, POINTS_AT_ONCE)
     )
-    return reduce(lambda seen, new: distinct_keys(np.concatenate([seen, new])), chunks)
+    return reduce(lambda seen, new: distinct_cells(np.concatenate([seen, new], axis=1)), chunks)
