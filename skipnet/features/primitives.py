@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.skipmap.moments import Moments, principal_axes
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 FLAT_CURVATURE = 0.02
 """Below it a 3x3x3 neighbourhood is one plane: an edge of 90 degrees has 0.1 and more, noise of 5 %
 of a voxel 0.004."""
 
 _DIRECTION_BINS = 12
+_GROWN_AT_ONCE = 16
+"""Planes that are grown side by side: fewer, longer calls."""
 
 
 @dataclass(frozen=True)
@@ -68,24 +71,27 @@ def find_planes(
         normals = normals * _shared_sign(normals)[:, None]
     tolerance_m = max_offset_voxels * skipmap.voxel_size_m
     bins = _direction_offset_bins(normals, points_m, 2 * tolerance_m)
-    columns_m, normal_columns = np.ascontiguousarray(points_m.T), np.ascontiguousarray(normals.T)
+    surfaces = _Surfaces.of(points_m, normals)
     free = np.ones(len(points_m), dtype=bool)
     votes = np.bincount(bins)
     found: list[tuple[FloatArray, FloatArray, int]] = []
     while len(found) < max_planes and np.count_nonzero(free) >= min_voxels:
-        seed = np.flatnonzero(free & (bins == votes.argmax()))
-        if len(seed) < min_voxels / 4:
+        favourites = np.argsort(-votes, kind="stable")[:_GROWN_AT_ONCE]
+        favourites = favourites[votes[favourites] >= min_voxels / 4]
+        if len(favourites) == 0:
             break
-        normal, inlier = _grow_plane(
-            columns_m, normal_columns, seed, tolerance_m, np.cos(max_angle_rad)
-        )
-        inlier = inlier[free[inlier]]
-        if len(inlier) >= min_voxels:
-            found.append((normal, points_m[inlier].mean(axis=0) + centre_m, len(inlier)))
-        taken = np.union1d(inlier, seed)
-        free[taken] = False
-        votes -= np.bincount(bins[taken], minlength=len(votes))
-    return _as_planes(found)
+        seeds = free & (bins == favourites[:, None])
+        planes, inliers = _grow_planes(surfaces, seeds, tolerance_m, np.cos(max_angle_rad))
+        for normal, inlier, seed in zip(planes, inliers, seeds, strict=True):
+            if np.count_nonzero(seed & free) < min_voxels / 4:
+                continue  # most of it went to a plane before
+            inlier &= free
+            rows = np.flatnonzero(inlier)
+            if len(rows) >= min_voxels:
+                found.append((normal, points_m[rows].mean(axis=0) + centre_m, len(rows)))
+            free &= ~(inlier | seed)
+        votes = np.bincount(bins[free], minlength=len(votes))
+    return _as_planes(found[:max_planes])
 
 
 def _direction_offset_bins(normals: FloatArray, points_m: FloatArray, bin_m: float) -> IntArray:
@@ -97,36 +103,59 @@ def _direction_offset_bins(normals: FloatArray, points_m: FloatArray, bin_m: flo
     return np.unique((column << 40) + offset, return_inverse=True)[1]
 
 
-def _grow_plane(
-    points_m: FloatArray,
-    normals: FloatArray,
-    rows: IntArray,
-    tolerance_m: float,
-    min_cosine: float,
-) -> tuple[FloatArray, IntArray]:
-    """Fit a plane to some voxels, then three times to its inliers among all (3, V) of them.
+@dataclass(frozen=True)
+class _Surfaces:
+    """V flat voxels by coordinate, which is how they are computed with."""
+
+    points_m: FloatArray
+    """(3, V)."""
+    normals: FloatArray
+    """(3, V)."""
+    figures: FloatArray
+    """(V, 10) what adds up to a plane: 1, the coordinates, and their six products."""
+
+    @staticmethod
+    def of(points_m: FloatArray, normals: FloatArray) -> _Surfaces:
+        """Of (V, 3) centroids and normals."""
+        x_m, y_m, z_m = columns_m = np.ascontiguousarray(points_m.T)
+        six = (x_m * x_m, x_m * y_m, x_m * z_m, y_m * y_m, y_m * z_m, z_m * z_m)
+        figures = np.stack([np.ones(len(points_m)), *columns_m, *six], axis=1)
+        return _Surfaces(columns_m, np.ascontiguousarray(normals.T), figures)
+
+
+def _grow_planes(
+    surfaces: _Surfaces, members: BoolArray, tolerance_m: float, min_cosine: float
+) -> tuple[FloatArray, BoolArray]:
+    """Fit planes to some voxels each, then three times to their inliers among all V of them.
+
+    Args:
+        surfaces: the voxels.
+        members: (P, V) those that each of P planes starts from.
+        tolerance_m: largest distance of an inlier.
+        min_cosine: smallest cosine between an inlier's normal and the plane's.
 
     Returns:
-        (3,) unit normal and the rows of the inliers.
+        (P, 3) unit normals and the (P, V) inliers.
     """
-    normal = normals.take(rows, axis=1).mean(axis=1)
-    normal /= np.linalg.norm(normal)
+    normals = members @ surfaces.normals.T
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sums = _add_up(surfaces, members)
     for _ in range(3):
-        along_m = normal @ points_m
-        middle_m = np.partition(along_m.take(rows), len(rows) // 2)[len(rows) // 2]
-        near = np.abs(along_m - middle_m) < tolerance_m
-        rows = np.flatnonzero(near & (normal @ normals > min_cosine))
-        if len(rows) < 3:
-            break
-        normal = _fit_normal(points_m.take(rows, axis=1), normal)
-    return normal, rows
+        middle_m = (normals * sums.mean).sum(axis=1)
+        near = np.abs(normals @ surfaces.points_m - middle_m[:, None]) < tolerance_m
+        members = near & (normals @ surfaces.normals > min_cosine)
+        sums = _add_up(surfaces, members)
+        fitted = principal_axes(sums)[1][:, :, 0]
+        fitted *= np.where((fitted * normals).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
+        normals = np.where(sums.count[:, None] >= 3, fitted, normals)
+    return normals, members
 
 
-def _fit_normal(points_m: FloatArray, towards: FloatArray) -> FloatArray:
-    """Least-squares normal of (3, P) points, on the side of ``towards``."""
-    centred = points_m - points_m.mean(axis=1, keepdims=True)
-    normal = np.linalg.eigh(centred @ centred.T)[1][:, 0]
-    return normal if normal @ towards >= 0 else -normal
+def _add_up(surfaces: _Surfaces, members: BoolArray) -> Moments:
+    """Moments of P sets of voxels, each counted once; an empty set's are those of a point at 0."""
+    sums = members @ surfaces.figures
+    sums[:, 0] = np.maximum(sums[:, 0], 1)
+    return Moments(np.ascontiguousarray(sums.T))
 
 
 def _shared_sign(normals: FloatArray) -> FloatArray:

@@ -212,9 +212,10 @@ def _linearise(
     scale_m2 = (4 * typical_m[:, None]) ** 2 + variance_m2
     robust = (scale_m2 / (scale_m2 + residual_m**2)) ** 2
     weight = np.where(valid, robust / (variance_m2 + typical_m[:, None] ** 2), 0.0)
-    lever_m = points_m - centre_m[..., None]
-    turned = np.cross(lever_m, normals, axis=1)
-    jacobian = np.concatenate([turned, normals], axis=1)
+    x_m, y_m, z_m = (points_m[:, axis] - centre_m[:, axis, None] for axis in range(3))
+    n_x, n_y, n_z = (normals[:, axis] for axis in range(3))
+    turned = (y_m * n_z - z_m * n_y, z_m * n_x - x_m * n_z, x_m * n_y - y_m * n_x)
+    jacobian = np.stack([*turned, n_x, n_y, n_z], axis=1)
     weighted = jacobian * weight[:, None]
     return _Matches(
         valid,

@@ -14,6 +14,7 @@ from skipnet.registration.thin_planes import lay_on_planes
 from skipnet.registration.verdict import Findings, decide, holds, is_weak
 from skipnet.registration.verification import (
     FINE,
+    HOPELESS,
     ROUGH,
     STRAY_SHARE,
     Score,
@@ -38,7 +39,9 @@ SPARSE_FINALISTS = 6
 MIN_SPARSE_HOLD = 6.0
 """Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 SLIDING_FINALISTS = 6
-"""Candidates that are worth sliding along directions that few normals hold."""
+"""So many candidates are slid along directions that few normals hold ..."""
+WORTH_SLIDING = 0.5
+"""... if they score this share of the best one: a slide adds two thirds to a score at most."""
 
 
 def settle(
@@ -66,7 +69,8 @@ def settle(
     fine = refine(start, levels, samples=config.refine_samples, max_steps=5)
     if bench.is_sparse:
         rough = bench.judge(fine.T_target_source, ROUGH)
-        best = np.argsort(-rough.total, kind="stable")[:SPARSE_FINALISTS]
+        best = bench.distinct(fine.T_target_source, rough)[:SPARSE_FINALISTS]
+        best = best[rough.total[best] >= HOPELESS * rough.total.max()]
         fine, coarse = fine[best], coarse[best]
         fine = refine_sparse(fine, source.thinned, target.thinned, bench.voxel_size_m)
     T, score = fine.T_target_source, bench.judge(fine.T_target_source)
@@ -124,11 +128,13 @@ class _Bench:
     def slide(self, fine: Refinement, score: Score) -> tuple[FloatArray, Score]:
         """The poses, the best of them moved along their weak directions, and new scores."""
         T = fine.T_target_source.copy()
-        for row in self.distinct(T, score)[:SLIDING_FINALISTS]:
+        rows = self.distinct(T, score)[:SLIDING_FINALISTS]
+        for row in rows[score.total[rows] >= WORTH_SLIDING * score.total[rows[0]]]:
             share, directions = holds(fine.information[row], fine.matched[row])
             for direction in directions[is_weak(share, fine.matched[row])]:
                 T[row] = slide(T[row], direction, *self._case)
-        return T, self.judge(T)
+        slid = (fine.T_target_source != T).any()
+        return T, self.judge(T) if slid else score
 
     def summarise(
         self, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray

@@ -22,6 +22,8 @@ NEIGHBOURS = 10
 """Points that make a surface: enough to bridge two scan lines."""
 REACHES_VOXELS = (4.0, 2.0, 1.0)
 """Farthest correspondence, from the first alignment to the last."""
+MAX_ITERATIONS = 30
+"""At each reach; right poses need 20 at most, and wrong ones would go on for long."""
 MAX_SHIFT_VOXELS = 3.0
 """A pose that moves further has run away."""
 
@@ -81,7 +83,7 @@ def _align(
             target[1],
             T_target_source,
             max_correspondence_distance=reach_voxels * voxel_size_m,
-            max_iterations=50,
+            max_iterations=MAX_ITERATIONS,
             translation_epsilon=1e-4 * voxel_size_m,
             rotation_epsilon=1e-5,
         )

@@ -15,7 +15,7 @@ import numpy as np
 
 from skipnet.geometry import transform_points
 from skipnet.registration.refinement import Refinement
-from skipnet.types import BoolArray, FloatArray
+from skipnet.types import FloatArray
 
 SHRINKING_VOXELS = (1.0, 0.5, 0.25, 0.12, 0.08, 0.08)
 """Distances from the plane within which its points are taken, fit after fit."""
@@ -117,7 +117,7 @@ def find_thin_planes(
     left = np.ones(len(points_m), dtype=bool)
     for peak in np.argsort(-counts, kind="stable")[:PEAKS]:
         near = np.abs(height_m - (low_m + (peak + 1) * step_m)) < 1.5 * voxel_size_m
-        plane = _fit(points_m, near & left, direction, voxel_size_m)
+        plane = _fit(points_m[near & left], direction, voxel_size_m)
         if plane is None or abs(plane.normal @ viewpoint_m - plane.offset_m) < (
             MIN_SENSOR_VOXELS * voxel_size_m
         ):
@@ -148,18 +148,16 @@ def heap_beside(
     return height_m, heap
 
 
-def _fit(
-    points_m: FloatArray, near: BoolArray, direction: FloatArray, voxel_size_m: float
-) -> ThinPlane | None:
-    """The plane through the points that are near, fitted to ever closer ones; None if not thin."""
+def _fit(points_m: FloatArray, direction: FloatArray, voxel_size_m: float) -> ThinPlane | None:
+    """The plane through (N, 3) points, fitted to ever closer ones of them; None if not thin."""
     for distance_voxels in SHRINKING_VOXELS:
-        plane = _plane_through(points_m[near], direction, voxel_size_m)
+        plane = _plane_through(points_m, direction, voxel_size_m)
         if plane is None:
             return None
         away_m = points_m @ plane.normal - plane.offset_m
         reach_m = distance_voxels * voxel_size_m
-        near &= np.abs(away_m - _densest(away_m[near], reach_m)[0]) < reach_m
-    plane = _plane_through(points_m[near], direction, voxel_size_m)
+        points_m = points_m[np.abs(away_m - _densest(away_m, reach_m)[0]) < reach_m]
+    plane = _plane_through(points_m, direction, voxel_size_m)
     limit_m = MAX_SCATTER * SHRINKING_VOXELS[-1] * voxel_size_m
     return plane if plane is not None and plane.scatter_m < limit_m else None
 
@@ -180,7 +178,8 @@ def _plane_through(
     if len(points_m) < MIN_POINTS:
         return None
     centre_m = points_m.mean(axis=0)
-    values_m2, vectors = np.linalg.eigh(np.cov(points_m.T, bias=True))
+    around_m = points_m - centre_m
+    values_m2, vectors = np.linalg.eigh(around_m.T @ around_m / len(points_m))
     normal = vectors[:, 0] * np.sign(vectors[:, 0] @ direction)
     straight = values_m2[1] < (MIN_EXTENT_VOXELS * voxel_size_m) ** 2
     if straight or normal @ direction < MAX_TILT_COSINE:

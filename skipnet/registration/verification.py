@@ -23,8 +23,9 @@ _AT_ONCE = 1 << 16
 """Voxels, over all candidates, judged in one go: what is computed of them stays in the cache."""
 
 
-HOPELESS = 0.15
-"""A candidate that scores less than this share of the best one's will not overtake it."""
+HOPELESS = 0.1
+"""A candidate that scores less than this share of the best one's will not overtake it: right poses
+score a third of it and more, before any refinement, in doorways and on streets too."""
 STRAY_SHARE = 0.0003
 """Share of voxels that may contradict by chance: one of 4000 samples."""
 
@@ -176,7 +177,7 @@ def shortlist(
     target: Evidence,
     violation_weight: float,
     count: int = 20,
-    rounds: tuple[tuple[int, int], ...] = ((24, 2000), (100, 400)),
+    rounds: tuple[tuple[int, int], ...] = ((24, 1000), (100, 400)),
     final_samples: int = 400,
 ) -> FloatArray:
     """Judge all with few samples, the better ones with more; keep the best distinct ones.
@@ -195,7 +196,9 @@ def shortlist(
     """
     for samples, stay in rounds:
         total = judge(T_target_source, source, target, samples, violation_weight).total
-        T_target_source = T_target_source[np.argsort(-total, kind="stable")[:stay]]
+        best = np.argsort(-total, kind="stable")[:stay]
+        T_target_source, total = T_target_source[best], total[best]
+    T_target_source = T_target_source[total >= HOPELESS * total.max(initial=0.0)]
     # Before the last round, lest variants of one pose crowd out all others.
     T_target_source = T_target_source[
         distinct(T_target_source, source.centre_m, 3 * source.voxel_size_m)
