@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from skipnet.geometry import random_rotation
 from skipnet.skipmap.moments import add_up, curvature, moments_of_points, principal_axes
 
 SIZES = [1, 2, 7, 100]
@@ -75,6 +76,14 @@ def test_two_perpendicular_half_planes_have_the_curvature_worked_out_by_hand():
     wall = np.stack([np.zeros_like(u), v, u], axis=-1).reshape(-1, 3)
     moments = in_segments(moments_of_points(np.concatenate([floor, wall])), [0])
     assert curvature(principal_axes(moments)[0])[0] == pytest.approx(1 / 7, abs=1e-4)
+
+
+def test_moved_moments_are_those_of_the_moved_points(points_m):
+    rng = np.random.default_rng(5)
+    rotation, shift_m = random_rotation(rng), rng.normal(size=3)
+    moved = moments_of_points(points_m).moved(rotation, shift_m)
+    expected = moments_of_points(points_m @ rotation.T + shift_m)
+    np.testing.assert_allclose(moved.sums, expected.sums, rtol=1e-10, atol=1e-12)
 
 
 def test_rows_are_selected_by_index_mask_and_slice(moments):

@@ -67,6 +67,18 @@ def test_points_are_moved_on_the_way_and_large_scans_taken_in_chunks(points_m, m
     assert_same_trees(build_tree(points_m, SIZE_M, ORIGIN_M, T), moved)
 
 
+def test_a_tree_of_single_points_stands_for_them(points_m):
+    singles = build_tree(points_m, 1e-5)
+    assert len(singles) == len(points_m)
+    turn = make_transform(random_rotation(np.random.default_rng(4)), np.array([5.0, -3, 1]))
+    for T in (None, turn):
+        tree, expected = (build_tree(cloud, 0.5, T_tree_points=T) for cloud in (singles, points_m))
+        np.testing.assert_array_equal(tree.origin_m, expected.origin_m)
+        np.testing.assert_array_equal(tree.keys, expected.keys)
+        np.testing.assert_allclose(tree.moments.mean, expected.moments.mean, atol=1e-9)
+        np.testing.assert_allclose(tree.moments.covariance, expected.moments.covariance, atol=1e-9)
+
+
 def test_integrating_and_adding_scans_equals_building_from_all_points(tree, points_m):
     first, second = points_m[:1700], points_m[1700:]
     assert_same_trees(build_tree(first, SIZE_M, ORIGIN_M).integrate(second), tree)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import skipnet
 from skipnet.clouds.formats import read_points, write_ply
+from skipnet.config import RegistrationConfig
 from skipnet.geometry import pose_error, transform_points
 from skipnet.registration import files
 from skipnet.simulation.pairs import simulate_pair
@@ -30,15 +32,17 @@ def test_centroids_are_those_of_the_finest_voxels_few_enough(points_m, chunks, m
     level = 0
     while len(expected := build_tree(points_m, FINEST_M * 2**level, origin_m)) > most:
         level += 1
-    thinned_m = thin_chunks(pieces, "scan", most, FINEST_M)
-    np.testing.assert_allclose(thinned_m, expected.centroids_m, atol=1e-7)
+    thinned = thin_chunks(pieces, "scan", most, FINEST_M)
+    np.testing.assert_array_equal(thinned.keys, expected.keys)
+    np.testing.assert_allclose(thinned.centroids_m, expected.centroids_m, atol=1e-7)
+    np.testing.assert_array_equal(thinned.moments.count, expected.moments.count)
 
 
 def test_scans_too_wide_for_the_finest_voxels_get_coarser_ones(points_m):
     far_m = np.array([[9e6, 5e6, 0.0], [-9e6, 4e6, 0.0]])
-    thinned_m = thin_chunks([points_m, far_m], "scan", 1000, FINEST_M)
-    assert 1 < len(thinned_m) <= 1000
-    assert np.abs(thinned_m - far_m[0]).sum(axis=1).min() < 1.0
+    thinned = thin_chunks([points_m, far_m], "scan", 1000, FINEST_M)
+    assert 1 < len(thinned) <= 1000
+    assert np.abs(thinned.centroids_m - far_m[0]).sum(axis=1).min() < 1.0
 
 
 def test_what_cannot_be_thinned_is_refused(points_m):
@@ -47,6 +51,25 @@ def test_what_cannot_be_thinned_is_refused(points_m):
     for bad in (np.nan, np.inf):
         with pytest.raises(ValueError, match="a.ply: holds NaN or infinite"):
             thin_chunks([points_m[:5], np.full((2, 3), bad)], "a.ply")
+
+
+def test_voxels_register_as_well_as_the_points_they_hold():
+    pair = simulate_pair("paper_room", 2, points=400_000).pair
+    thinned = [
+        thin_chunks([points_m], "scan", 30_000) for points_m in (pair.source_m, pair.target_m)
+    ]
+    assert all(len(tree) < 30_000 < tree.moments.count.sum() for tree in thinned)
+    config = RegistrationConfig(denoise=True, denoise_sigma=20.0)
+    for result in (skipnet.register(*thinned), skipnet.register(*thinned, config=config)):
+        assert result.status == "registered"
+        rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
+        assert rotation_rad < 2e-4 and translation_m < 0.0005
+
+
+def test_voxels_without_a_surface_are_refused():
+    line_m = np.linspace(0, 1, 50)[:, None] * [1.0, 2.0, 0.0]
+    with pytest.raises(ValueError, match="source: all 50 points lie on one line"):
+        skipnet.register(thin_chunks([line_m], "line"), np.eye(3))
 
 
 def test_a_large_file_is_thinned_to_register_and_written_whole(tmp_path, monkeypatch):
@@ -63,4 +86,7 @@ def test_a_large_file_is_thinned_to_register_and_written_whole(tmp_path, monkeyp
     aligned_m = read_points(tmp_path / "out" / "aligned.ply")
     expected_m = transform_points(result.T_target_source, pair.source_m)
     np.testing.assert_allclose(aligned_m, expected_m, atol=1e-9)
-    assert "left after thinning" in (tmp_path / "out" / "report.html").read_text()
+    assert (
+        f"{len(pair.source_m):,} points, read into"
+        in (tmp_path / "out" / "report.html").read_text()
+    )

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.clouds.atomic import write_bytes, write_text
-from skipnet.clouds.cleaning import validate
 from skipnet.clouds.formats import read_chunks, read_points, write_ply, write_ply_chunks
 from skipnet.config import RegistrationConfig
 from skipnet.geometry import pose_error, transform_points
 from skipnet.registration import report
-from skipnet.registration.scans import Viewpoint
+from skipnet.registration.scans import Viewpoint, checked
 from skipnet.skipmap.streaming import thin_chunks
+from skipnet.skipmap.tree import Cloud, SkipTree, points_of
 from skipnet.types import FloatArray, Pair, Registration
 
 if TYPE_CHECKING:
@@ -103,8 +103,8 @@ def register_scan_files(
     )
     names = [str(scan) for scan in scans]
     placed = [
-        (name, transform_points(T_first_scan, points_m))
-        for name, T_first_scan, points_m in zip(names, result.T_first_scan, clouds_m, strict=True)
+        (name, transform_points(T_first_scan, points_of(cloud_m)))
+        for name, T_first_scan, cloud_m in zip(names, result.T_first_scan, clouds_m, strict=True)
         if T_first_scan is not None
     ]
     png = _write_scans([cloud_m for _, cloud_m in placed], [name for name, _ in placed], output_dir)
@@ -114,10 +114,8 @@ def register_scan_files(
     return result
 
 
-def _read_inputs(
-    paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]
-) -> list[FloatArray]:
-    clouds_m = [validate(_read(path), str(path)) for path in paths]
+def _read_inputs(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]) -> list[Cloud]:
+    clouds_m = [checked(_read(path), str(path)) for path in paths]
     written = {(output_dir / name).resolve() for name in outputs}
     for path in paths:
         if path.resolve() in written:
@@ -132,12 +130,12 @@ def _is_large(path: str | Path) -> bool:
     return Path(path).is_file() and Path(path).stat().st_size > LARGE_FILE_BYTES
 
 
-def _read(path: Path) -> FloatArray:
-    """All points of a file, or of a large one what is left of it after thinning."""
+def _read(path: Path) -> Cloud:
+    """All points of a file, or the voxels that a large one is read into."""
     return thin_chunks(read_chunks(path), str(path)) if _is_large(path) else read_points(path)
 
 
-def _register(source_m: FloatArray, target_m: FloatArray, choices: Choices) -> Registration:
+def _register(source_m: Cloud, target_m: Cloud, choices: Choices) -> Registration:
     from skipnet.registration.pipeline import register
 
     return register(
@@ -152,8 +150,8 @@ def _register(source_m: FloatArray, target_m: FloatArray, choices: Choices) -> R
 
 
 def _write_pair(
-    source_m: FloatArray,
-    target_m: FloatArray,
+    source_m: Cloud,
+    target_m: Cloud,
     result: Registration,
     inputs: Mapping[str, str],
     output_dir: Path,
@@ -161,20 +159,26 @@ def _write_pair(
 ) -> None:
     from skipnet.viz.pictures import draw_before_after, png_bytes
 
-    png = png_bytes(draw_before_after(source_m, target_m, result.T_target_source))
+    drawn_m = points_of(source_m), points_of(target_m)
+    png = png_bytes(draw_before_after(*drawn_m, result.T_target_source))
     described = {
-        name: f"{inputs[name]}: {len(points_m):,} points"
-        + (" left after thinning" if _is_large(inputs[name]) else "")
-        for name, points_m in (("source", source_m), ("target", target_m))
+        name: f"{inputs[name]}: {_size(cloud_m)}"
+        for name, cloud_m in (("source", source_m), ("target", target_m))
     }
     # A large file is read again, so that every point of it is in the result.
-    chunks = read_chunks(inputs["source"]) if _is_large(inputs["source"]) else [source_m]
+    chunks = read_chunks(inputs["source"]) if isinstance(source_m, SkipTree) else [source_m]
     aligned_m = (transform_points(result.T_target_source, chunk_m) for chunk_m in chunks)
     write_ply_chunks(output_dir / "aligned.ply", aligned_m)
     write_bytes(output_dir / "before_after.png", png)
     write_text(output_dir / "report.html", report.pair_page(result, described, png, seed))
     write_text(output_dir / "result.json", report.result_json(result, inputs, seed))
     _announce(f"{result.status} (confidence {result.confidence:.2f})", result.reason, output_dir)
+
+
+def _size(cloud_m: Cloud) -> str:
+    if isinstance(cloud_m, SkipTree):
+        return f"{cloud_m.moments.count.sum():,.0f} points, read into {len(cloud_m):,} voxels"
+    return f"{len(cloud_m):,} points"
 
 
 def _write_scans(placed_m: Sequence[FloatArray], names: Sequence[str], output_dir: Path) -> bytes:

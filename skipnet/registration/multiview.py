@@ -9,7 +9,6 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from skipnet.clouds.cleaning import validate
 from skipnet.config import RegistrationConfig
 from skipnet.geometry import (
     invert,
@@ -19,8 +18,9 @@ from skipnet.geometry import (
 )
 from skipnet.registration.pipeline import clean, register_scans
 from skipnet.registration.refinement import refine
-from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
+from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, checked, describe
 from skipnet.registration.stopwatch import Stopwatch
+from skipnet.skipmap.tree import SkipTree
 from skipnet.types import FloatArray, Registration
 
 PairKey = tuple[int, int]
@@ -73,7 +73,7 @@ class Link:
 
 
 def register_many(
-    scans: Sequence[npt.ArrayLike],
+    scans: Sequence[npt.ArrayLike | SkipTree],
     *,
     viewpoints: Sequence[Viewpoint] | None = None,
     voxel_size_m: float | None = None,
@@ -88,7 +88,8 @@ def register_many(
     number of scans.
 
     Args:
-        scans: two or more (N, 3) point clouds, each in its own frame, metres.
+        scans: two or more (N, 3) point clouds, each in its own frame, metres; see
+            ``skipnet.register``.
         viewpoints: of each scan as in ``skipnet.register``; None finds all of them out.
         voxel_size_m: edge of a voxel; None chooses it from the data.
         seed: of every random choice.
@@ -249,7 +250,7 @@ def _square_root(information: FloatArray) -> FloatArray:
 
 
 def _describe_all(
-    scans: Sequence[npt.ArrayLike],
+    scans: Sequence[npt.ArrayLike | SkipTree],
     viewpoints: Sequence[Viewpoint] | None,
     voxel_size_m: float | None,
     seed: int,
@@ -266,7 +267,7 @@ def _describe_all(
     for number, viewpoint in enumerate(viewpoints):
         check_viewpoint(viewpoint, f"viewpoints[{number}]")
     clouds_m = [
-        clean(validate(scan, f"scans[{number}]"), config) for number, scan in enumerate(scans)
+        clean(checked(scan, f"scans[{number}]"), config) for number, scan in enumerate(scans)
     ]
     return describe(clouds_m, viewpoints, voxel_size_m, seed)
 

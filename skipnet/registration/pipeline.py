@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skipnet.clouds.cleaning import denoise, validate
+from skipnet.clouds.cleaning import denoise
 from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import invert
@@ -14,19 +14,20 @@ from skipnet.registration.answer import Answer
 from skipnet.registration.feature_hypotheses import from_corners, from_edges
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
 from skipnet.registration.plane_hypotheses import from_planes, from_slides
-from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, describe
+from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, checked, describe
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verification import shortlist
-from skipnet.types import FloatArray, Registration
+from skipnet.skipmap.tree import Cloud, SkipTree, points_of
+from skipnet.types import Registration
 
 CLEAR_CONFIDENCE = 0.99
 """With this much confidence no further generator is asked."""
 
 
 def register(
-    source: npt.ArrayLike,
-    target: npt.ArrayLike,
+    source: npt.ArrayLike | SkipTree,
+    target: npt.ArrayLike | SkipTree,
     *,
     source_viewpoint: Viewpoint = "auto",
     target_viewpoint: Viewpoint = "auto",
@@ -37,7 +38,8 @@ def register(
     """Find the rigid motion that brings the source scan into the target's frame, without a guess.
 
     Args:
-        source: (N, 3) points in the source's own frame, metres.
+        source: (N, 3) points in the source's own frame, metres; of a scan too large to hold, the
+            voxels that ``skipnet.skipmap.streaming.thin_chunks`` reads it into.
         target: (M, 3) points in the target's own frame, metres.
         source_viewpoint: sensor position in the source's frame: (3,), None when unknown, "auto" to
             find out.
@@ -57,11 +59,11 @@ def register(
     config = config or RegistrationConfig()
     clock = Stopwatch()
     with clock("validate"):
-        clouds = validate(source, "source"), validate(target, "target")
+        clouds = checked(source, "source"), checked(target, "target")
         check_viewpoint(source_viewpoint, "source_viewpoint")
         check_viewpoint(target_viewpoint, "target_viewpoint")
     with clock("denoise"):
-        source_m, target_m = (clean(points_m, config) for points_m in clouds)
+        source_m, target_m = (clean(cloud_m, config) for cloud_m in clouds)
     with clock("skip-map"):
         viewpoints = source_viewpoint, target_viewpoint
         scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed)
@@ -121,11 +123,12 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
     return answer
 
 
-def clean(points_m: FloatArray, config: RegistrationConfig) -> FloatArray:
+def clean(cloud_m: Cloud, config: RegistrationConfig) -> Cloud:
     """The paper's denoising, where the config asks for it."""
     if not config.denoise:
-        return points_m
-    return points_m[denoise(points_m, config.denoise_neighbours, config.denoise_sigma)]
+        return cloud_m
+    kept = denoise(points_of(cloud_m), config.denoise_neighbours, config.denoise_sigma)
+    return cloud_m[kept]
 
 
 def propose(

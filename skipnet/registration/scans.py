@@ -9,7 +9,9 @@ from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from skipnet.clouds.cleaning import validate
 from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
 from skipnet.features.patches import build_patches, feature_voxels
 from skipnet.features.primitives import Planes, find_planes
@@ -19,7 +21,7 @@ from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
-from skipnet.skipmap.tree import SkipTree, build_tree
+from skipnet.skipmap.tree import Cloud, SkipTree, build_tree, points_of
 from skipnet.types import FeatureClass, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -65,6 +67,14 @@ def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
         )
     if not np.isfinite(position_m).all():
         raise ValueError(f"{name}={viewpoint!r}: expected finite coordinates, or None if unknown")
+
+
+def checked(cloud: npt.ArrayLike | SkipTree, name: str) -> Cloud:
+    """Refuse what is no scan, as ``skipnet.clouds.cleaning.validate`` does."""
+    if isinstance(cloud, SkipTree):
+        validate(cloud.centroids_m, name)
+        return cloud
+    return validate(cloud, name)
 
 
 @dataclass(frozen=True)
@@ -171,7 +181,7 @@ def _shipped_classifier() -> Classifier:
 
 
 def describe(
-    clouds_m: Sequence[FloatArray],
+    clouds_m: Sequence[Cloud],
     viewpoints: Sequence[Viewpoint],
     voxel_size_m: float | None = None,
     seed: int = 0,
@@ -179,16 +189,17 @@ def describe(
     """Describe scans with one voxel size, each in a thread of its own.
 
     Args:
-        clouds_m: (N, 3) points of each scan, in any frame.
+        clouds_m: (N, 3) points of each scan, or their fine voxels, in any frame.
         viewpoints: see ``Viewpoint``; of each scan, in the frame of its points.
         voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
         seed: of the order in which the judge samples voxels.
     """
     background = ThreadPoolExecutor(1)
     with ThreadPoolExecutor() as pool:
-        frames = list(pool.map(principal_frame, clouds_m))
+        points_m = [points_of(cloud_m) for cloud_m in clouds_m]
+        frames = list(pool.map(principal_frame, points_m))
         if voxel_size_m is None:
-            voxel_size_m = choose_voxel_size(*clouds_m, T_given_own=frames)
+            voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
         one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed, background=background)
         scans = list(pool.map(one, clouds_m, viewpoints, frames))
     background.shutdown(wait=False)  # goes on without being waited for
@@ -196,7 +207,7 @@ def describe(
 
 
 def _describe_one(
-    points_m: FloatArray,
+    cloud_m: Cloud,
     viewpoint: Viewpoint,
     T_given_own: FloatArray,
     voxel_size_m: float,
@@ -205,7 +216,7 @@ def _describe_one(
 ) -> Scan:
     """Build a scan's Skip-maps, the finest in the ``background``, and find out its viewpoint."""
     T_own_given = invert(T_given_own)
-    fine_tree = build_tree(points_m, voxel_size_m / 2, np.zeros(3), T_own_given)
+    fine_tree = build_tree(cloud_m, voxel_size_m / 2, np.zeros(3), T_own_given)
     tree = fine_tree.coarser()
     skipmap = skipmap_of_tree(tree)
     if isinstance(viewpoint, str):
@@ -221,6 +232,6 @@ def _describe_one(
         skipmap=skipmap,
         coarse=skipmap_of_tree(tree.coarser(), viewpoint_m),
         fine_tree=fine_tree,
-        evidence=build_evidence(skipmap, points_m, rng, T_own_given),
+        evidence=build_evidence(skipmap, points_of(cloud_m), rng, T_own_given),
         fine=background.submit(skipmap_of_tree, fine_tree, viewpoint_m),
     )

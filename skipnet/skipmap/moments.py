@@ -42,6 +42,15 @@ class Moments:
         rows = np.flatnonzero(rows) if rows.dtype == bool else rows
         return Moments(self.sums.take(rows, axis=1))
 
+    def moved(self, rotation: FloatArray, shift_m: FloatArray) -> Moments:
+        """Of the same points after p -> rotation p + shift: (3, 3) and (3,)."""
+        count, first = self.sums[0], rotation @ self.sums[1:4]
+        shift = shift_m[:, None]
+        second = np.einsum("ia,abv,jb->ijv", rotation, self.sums[4:][_FULL], rotation)
+        mixed = first[:, None] * shift[None]
+        second += mixed + mixed.swapaxes(0, 1) + count * (shift[:, None] * shift[None])
+        return Moments(np.concatenate([[count], first + count * shift, second[_ROW, _COLUMN]]))
+
     @property
     def count(self) -> FloatArray:
         """(V,) number of points."""

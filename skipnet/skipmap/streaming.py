@@ -1,7 +1,8 @@
 """Scans larger than comfortable: thinned voxel by voxel while they are read.
 
 Whatever the file's size, no more is held than some chunks and the voxels found so far. Moments add
-up, so merging chunks and doubling the voxels loses nothing but the points' places within a voxel.
+up, so merging chunks and doubling the voxels loses nothing but the points' places within a voxel,
+and the Skip-maps of a registration are built from these voxels, as if from the points.
 """
 
 from __future__ import annotations
@@ -30,17 +31,17 @@ def thin_chunks(
     name: str,
     most_voxels: int = MOST_VOXELS,
     finest_m: float = FINEST_VOXEL_M,
-) -> FloatArray:
-    """Thin a scan to the centroids of its voxels, which double until they are few enough.
+) -> SkipTree:
+    """Read a scan into voxels, which double until they are few enough.
 
     Args:
         chunks: (n, 3) finite points each, at least one chunk.
         name: what to call the scan in the errors.
-        most_voxels: centroids to keep at most.
+        most_voxels: to keep at most.
         finest_m: edge of the voxels to start with.
 
     Returns:
-        (V, 3) centroids, V <= ``most_voxels``.
+        The tree of at most ``most_voxels`` voxels, with the moments of all the points.
 
     Raises:
         ValueError: a point is NaN or infinite, or there is no chunk.
@@ -61,7 +62,7 @@ def thin_chunks(
     if not pending:
         raise ValueError(f"{name}: holds no points")
     pending, _ = _merge(pending, most_voxels, finest_m, level)
-    return pending[0].centroids_m
+    return pending[0]
 
 
 def _pieces(chunks: Iterable[FloatArray]) -> Iterator[FloatArray]:

@@ -10,7 +10,7 @@ are values: every operation returns a new one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
@@ -28,7 +28,7 @@ from skipnet.skipmap.cells import (
     unpack,
 )
 from skipnet.skipmap.moments import Moments, add_up, sum_groups
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,10 @@ class SkipTree:
 
     def __len__(self) -> int:
         return len(self.keys)
+
+    def __getitem__(self, rows: IntArray | BoolArray) -> SkipTree:
+        """The tree of some of the voxels: ascending rows, or a mask."""
+        return replace(self, keys=self.keys[rows], moments=self.moments[rows])
 
     @property
     def cells(self) -> IntArray:
@@ -152,8 +156,17 @@ class SkipTree:
         return cells[starts, :2], starts
 
 
+Cloud = FloatArray | SkipTree
+"""A scan: (N, 3) points, or voxels so fine that their moments can stand for these."""
+
+
+def points_of(cloud_m: Cloud) -> FloatArray:
+    """What stands for a scan's points: (N, 3) they themselves, or the centroids of its voxels."""
+    return cloud_m.centroids_m if isinstance(cloud_m, SkipTree) else cloud_m
+
+
 def build_tree(
-    points_m: FloatArray,
+    points_m: Cloud,
     voxel_size_m: float,
     origin_m: FloatArray | None = None,
     T_tree_points: FloatArray | None = None,
@@ -161,7 +174,8 @@ def build_tree(
     """Divide (N, 3) points into voxels of ``voxel_size_m``, chunk by chunk.
 
     Args:
-        points_m: (N, 3) points, at least one.
+        points_m: (N, 3) points, at least one; or a tree of finer voxels, each of which goes,
+            moments and all, into the voxel that holds its centroid.
         voxel_size_m: edge of a voxel.
         origin_m: (3,) corner of cell (0, 0, 0). Trees that are to be added need the same one.
             Default: the whole metre nearest to the points' centre, which keeps float64 sums exact
@@ -176,7 +190,9 @@ def build_tree(
     if not voxel_size_m > 0:
         raise ValueError(f"voxel_size_m is {voxel_size_m}, expected a positive length in metres")
     if origin_m is None:
-        origin_m = _default_origin_m(points_m, T_tree_points)
+        origin_m = _default_origin_m(points_of(points_m), T_tree_points)
+    if isinstance(points_m, SkipTree):
+        return _regrid(points_m, voxel_size_m, origin_m, T_tree_points)
     chunks = (
         _tree_of_chunk(xyz_m, voxel_size_m, origin_m)
         for xyz_m in columns(points_m, T_tree_points, POINTS_AT_ONCE)
@@ -210,6 +226,17 @@ def _tree_of_chunk(xyz_m: FloatArray, voxel_size_m: float, origin_m: FloatArray)
     xyz_m -= origin_m[:, None]
     keys, row = group_by_cell(xyz_m, voxel_size_m)
     return SkipTree(voxel_size_m, origin_m, keys, sum_groups(xyz_m, row, len(keys)))
+
+
+def _regrid(
+    tree: SkipTree, voxel_size_m: float, origin_m: FloatArray, T_new_old: FloatArray | None
+) -> SkipTree:
+    """The tree's voxels moved and put into those of another grid."""
+    T_new_old = np.eye(4) if T_new_old is None else T_new_old
+    shift_m = transform_points(T_new_old, tree.origin_m[None])[0] - origin_m
+    moments = tree.moments.moved(T_new_old[:3, :3], shift_m)
+    keys, row = group_by_cell(np.ascontiguousarray(moments.mean.T), voxel_size_m)
+    return SkipTree(voxel_size_m, origin_m, keys, add_up(moments, row, len(keys)))
 
 
 def _gather(
