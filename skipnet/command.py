@@ -214,6 +214,7 @@ def _run_hydra(
     outcome: list[int | Exception] = []
 
     def job(composed: DictConfig) -> None:
+        """One run: what Hydra calls, once, or once per combination of a sweep."""
         in_sweep = HydraConfig.get().mode is RunMode.MULTIRUN
         if in_sweep and "output_dir" in composed:
             composed.output_dir = HydraConfig.get().runtime.output_dir

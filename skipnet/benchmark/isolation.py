@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
@@ -37,12 +38,7 @@ def isolated(make: Callable[[], Method], limit_s: float | None = None, threads: 
         A method that raises TimeoutError past the limit, RuntimeError when the child dies, and
         whatever exception the method itself raises.
     """
-    worker = _Worker(make, threads)
-
-    def run(task: Task) -> Estimate:
-        return worker.answer(task, limit_s)
-
-    return run
+    return partial(_Worker(make, threads).answer, limit_s=limit_s)
 
 
 class _Worker:

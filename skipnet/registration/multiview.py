@@ -221,6 +221,7 @@ def balance(poses: Poses, links: Mapping[PairKey, Link]) -> Poses:
     roots = {key: _square_root(link.information) for key, link in links.items()}
 
     def moved(steps: FloatArray) -> Poses:
+        """The poses after (6 K,) steps: of each free scan, a rotation vector and a shift."""
         result = dict(poses)
         for scan, step in zip(free, steps.reshape(-1, 6), strict=True):
             rotation = rotation_from_vector(step[:3]) @ poses[scan][:3, :3]
@@ -228,6 +229,7 @@ def balance(poses: Poses, links: Mapping[PairKey, Link]) -> Poses:
         return result
 
     def residuals(steps: FloatArray) -> FloatArray:
+        """(6 L,) deviations of all links after the steps, in standard deviations."""
         current = moved(steps)
         deviations = (
             roots[key] @ link.deviation(_relative(current, key)) for key, link in links.items()

@@ -92,6 +92,7 @@ class _Box:
 
     @property
     def size(self) -> int:
+        """Number of cells."""
         return math.prod(int(length) for length in self.shape)
 
     @property

@@ -26,6 +26,7 @@ def disturbed_pairs(pair_set: PairSet, disturbances: Sequence[DisturbanceConfig]
     names = tuple(f"{pair_set.names[i]}, {one.name}" for i, one in plan)
 
     def load(index: int) -> Pair:
+        """The pair of that index, disturbed as planned."""
         i, one = plan[index]
         pair = disturb(pair_set.load(i), one.noise_m, one.keep, one.crop)
         return replace(pair, name=names[index], set_name=f"{pair.set_name}, {one.name}")

@@ -122,6 +122,7 @@ def folder_pairs(
     chosen = select(_list(dataset, kind, folder), sets, most_per_set)
 
     def load(index: int) -> Pair:
+        """The chosen pair of that index, read from its files and moved."""
         pair = chosen[index].read(dataset.read_points)
         pair = dataset.finish(pair) if dataset.finish else pair
         return move_source(pair, seed, turn, shift_m) if turn or shift_m else pair

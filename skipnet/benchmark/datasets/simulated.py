@@ -43,6 +43,7 @@ def simulated_pairs(
     names = tuple(f"{one}_{scene_seed:04d}" for one, scene_seed in plan)
 
     def load(index: int) -> Pair:
+        """The planned scene of that index, scanned from two places."""
         one, scene_seed = plan[index]
         simulated = simulate_pair(one, scene_seed, scanner, rotation, points)
         return replace(simulated.pair, name=names[index])
