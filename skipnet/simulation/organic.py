@@ -45,7 +45,7 @@ def clutter(rng: np.random.Generator) -> Draft:
     """A small room packed with lumps, balls, drums and loaded tables."""
     half_m = rng.uniform(2.0, 3.5, 2)
     room = rectangle(-half_m, half_m, rng.uniform(2.3, 3.0), thickness_m=0.12)
-    kinds: list[Maker] = [_loaded_table, _loaded_table, partial(lump, radius_m=(0.15, 0.5))]
+    kinds: list[Maker] = [loaded_table, loaded_table, partial(lump, radius_m=(0.15, 0.5))]
     kinds += [furniture.shelf, furniture.turned_stack, furniture.ball_on_drum]
     makers = [kinds[k] for k in rng.integers(len(kinds), size=rng.integers(10, 18))]
     free = [square_m(np.zeros(2), 0.6)]
@@ -58,14 +58,14 @@ def lump(rng: np.random.Generator, radius_m: tuple[float, float]) -> list[Surfac
     """A dented, stretched ball of random size, sunk a little into what it stands on."""
     ball = sphere(1.0, LUMP_SEGMENTS)[0]
     unit = ball.vertices_m - [0, 0, 1]
-    dents = _random_waves(rng, unit, least=1.0, most=4.0)
+    dents = random_waves(rng, unit, least=1.0, most=4.0)
     local = unit * (1 + 0.35 * dents)[:, None] * rng.uniform(0.6, 1.3, 3)
     local = local @ random_rotation(rng).T * rng.uniform(*radius_m)
     local[:, 2] -= 0.85 * local[:, 2].min()
     return [replace(ball, vertices_m=local)]
 
 
-def _random_waves(
+def random_waves(
     rng: np.random.Generator, points: FloatArray, least: float, most: float
 ) -> FloatArray:
     """(V,) a smooth random function of (V, D) points, within [-1, 1].
@@ -87,7 +87,7 @@ def _random_waves(
 def _ground(rng: np.random.Generator) -> Surface:
     side = np.arange(-HALF_TERRAIN_M, HALF_TERRAIN_M + TERRAIN_STEP_M / 2, TERRAIN_STEP_M)
     xy_m = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    waves = _random_waves(rng, xy_m, least=0.2, most=2.0)
+    waves = random_waves(rng, xy_m, least=0.2, most=2.0)
     beyond_m = np.linalg.norm(xy_m, axis=1) - LEVEL_RADIUS_M
     rise = np.clip(beyond_m / LEVEL_RADIUS_M, 0, 1)
     corner = np.arange(len(side) ** 2).reshape(len(side), len(side))
@@ -114,17 +114,22 @@ def _bush(rng: np.random.Generator) -> list[Surface]:
     ]
 
 
-def _loaded_table(rng: np.random.Generator) -> list[Surface]:
+def loaded_table(rng: np.random.Generator) -> list[Surface]:
     """A table with small things on it."""
     table = furniture.table(rng)
     top_m = max(surface.vertices_m[:, 2].max() for surface in table)
     reach_m = np.abs(np.concatenate([s.vertices_m[:, :2] for s in table])).max(axis=0) - 0.2
-    small: list[Maker] = [partial(lump, radius_m=(0.06, 0.2)), _tin, _packet]
     things: list[Surface] = []
     for _ in range(rng.integers(3, 9)):
-        thing = small[rng.integers(len(small))](rng)
+        thing = small_thing(rng)
         things += shifted(thing, (*rng.uniform(-reach_m, reach_m), top_m))
     return table + things
+
+
+def small_thing(rng: np.random.Generator) -> list[Surface]:
+    """What stands on tables: a lump, a tin or a packet."""
+    small: list[Maker] = [partial(lump, radius_m=(0.06, 0.2)), _tin, _packet]
+    return small[rng.integers(len(small))](rng)
 
 
 def _tin(rng: np.random.Generator) -> list[Surface]:

@@ -79,6 +79,17 @@ SCANNERS: dict[str, Scanner] = {
     ),
     # A spinning LiDAR that does not nod: 16 channels over 30 deg.
     "rings": Scanner("rings", 16, 1800, np.deg2rad(-15.0), np.deg2rad(15.0), fixed_channels=True),
+    # What drives on streets: 64 channels, most of them looking down.
+    "street": Scanner(
+        "street",
+        64,
+        1800,
+        np.deg2rad(-25.0),
+        np.deg2rad(15.0),
+        fixed_channels=True,
+        range_sigma_m=0.01,
+        max_range_m=80.0,
+    ),
 }
 
 

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
-from skipnet.simulation import facades, families, organic
+from skipnet.simulation import facades, families, kitchens, organic
 from skipnet.simulation.placement import Draft, Station
 from skipnet.simulation.raycasting import Raycaster
 from skipnet.simulation.shapes import triangle_normals
@@ -24,6 +24,7 @@ FAMILY_MAKERS: dict[str, Callable[[np.random.Generator], Draft]] = {
     "facade": facades.facade,
     "terrain": organic.terrain,
     "clutter": organic.clutter,
+    "kitchen": kitchens.kitchen,
     "corridor": families.corridor,
     "symmetric": families.symmetric,
 }
