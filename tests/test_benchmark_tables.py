@@ -113,12 +113,14 @@ def test_overlap_bins_by_hand():
     found.pop("")
     assert found == {
         "0% to 10%": "1 of 1",
-        "10% to 30%": "1 of 2",
-        "30% to 50%": "1 of 1",
-        "90% to 100%": "1 of 2",
+        "10% to 15%": "0 of 1",
+        "25% to 30%": "1 of 1",
+        "30% to 40%": "1 of 1",
+        "80% to 100%": "1 of 2",
     }
     curve = np.array(overlap_curve(rows))[:, :2]
-    np.testing.assert_allclose(curve, [(0.05, 1.0), (0.2, 0.5), (0.4, 1.0), (0.95, 0.5)])
+    middles = (0.05, 0.125, 0.275, 0.35, 0.9)
+    np.testing.assert_allclose(curve, np.column_stack([middles, (1.0, 0.0, 1.0, 1.0, 0.5)]))
 
 
 def test_confidence_by_hand():

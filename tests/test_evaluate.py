@@ -17,6 +17,7 @@ from omegaconf import OmegaConf
 
 import evaluate
 from skipnet import command
+from skipnet.benchmark.datasets.overlapping import KINDS
 from skipnet.benchmark.factories import make_contestants, make_pair_set
 from skipnet.benchmark.methods import Task, make_method
 from skipnet.benchmark.methods.matching import most_consistent_pose
@@ -147,6 +148,8 @@ def test_every_benchmark_config_composes_and_its_methods_can_be_built(benchmark,
         unique = len(FAMILIES) - len(AMBIGUOUS_FAMILIES)
         families = unique if config.family == "all" else 1
         assert len(make_pair_set(config)) == config.pairs * conditions * families
+    elif config.dataset.name == "overlapping":
+        assert len(make_pair_set(config)) == config.pairs * len(KINDS)
     else:
         with pytest.raises(FileNotFoundError, match="data=FOLDER"):
             make_pair_set(config)

@@ -14,7 +14,7 @@ from skipnet.benchmark.scoring import ScoreRow
 from skipnet.benchmark.tables import Table, final_rows, number, right_of
 from skipnet.types import FloatArray
 
-OVERLAP_EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
+OVERLAP_EDGES = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.6, 0.8, 1.0)
 
 
 def success_table(

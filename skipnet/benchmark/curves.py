@@ -44,7 +44,7 @@ def draw_overlap(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:
             elinewidth=0.6,
             label=labels[method],
         )
-    axes.set(xlabel="overlap", ylabel="success rate", xlim=(0, 1), ylim=(-0.03, 1.03))
+    axes.set(xlabel="overlap", ylabel="success rate", xlim=(0, None), ylim=(-0.03, 1.03))
     legend_beside(axes)
     return figure
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from skipnet.benchmark.datasets import DATASETS, PairSet, folder_pairs, simulated_pairs
 from skipnet.benchmark.datasets.disturbed import disturbed_pairs
+from skipnet.benchmark.datasets.overlapping import KINDS, overlapping_pairs
 from skipnet.benchmark.isolation import isolated
 from skipnet.benchmark.methods import Method, make_method
 from skipnet.benchmark.protocols import PROTOCOLS
@@ -39,6 +40,8 @@ def describe(config: EvaluateConfig) -> dict[str, str]:
         family = "every family" if config.family == "all" else f"family {config.family}"
         about["pairs from"] = f"{config.pairs} simulated scenes of {family}"
         about["scanner"] = f"{config.scanner}, rotation {config.rotation}"
+    elif config.dataset is DatasetKind.overlapping:
+        about["pairs from"] = f"{config.pairs} simulated pairs of each of {len(KINDS)} kinds"
     else:
         sets = ", ".join(config.sets) or "all sets"
         most = "" if config.most_per_set is None else f", at most {config.most_per_set} of each"
@@ -63,7 +66,7 @@ def protocol_of(config: EvaluateConfig) -> ProtocolKind:
     """The protocol that the config names, otherwise the data set's own."""
     if config.protocol is not None:
         return config.protocol
-    if config.dataset is DatasetKind.simulated:
+    if config.dataset in (DatasetKind.simulated, DatasetKind.overlapping):
         return ProtocolKind.own
     return DATASETS[config.dataset].protocol
 
@@ -74,6 +77,8 @@ def make_pair_set(config: EvaluateConfig) -> PairSet:
         pairs = simulated_pairs(
             config.family, config.pairs, config.seed, config.scanner, config.rotation, config.points
         )
+    elif config.dataset is DatasetKind.overlapping:
+        pairs = overlapping_pairs(config.pairs, config.seed)
     else:
         pairs = folder_pairs(
             config.data,
@@ -121,6 +126,9 @@ def settings_hash(config: EvaluateConfig, method: str) -> str:
     pairs: list[Any] = [config.dataset.name, [asdict(one) for one in config.disturbances]]
     if config.dataset is DatasetKind.simulated:
         pairs += [config.scanner, config.rotation, config.points]
+    elif config.dataset is DatasetKind.overlapping:
+        # A pair's goal follows from the number of pairs.
+        pairs += [config.pairs, config.seed]
     else:
         folder = Path(str(config.data)).resolve()
         pairs += [str(folder), config.turn, config.shift_m, config.seed]

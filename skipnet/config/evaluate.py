@@ -11,9 +11,11 @@ from skipnet.config.checks import require
 
 
 class DatasetKind(Enum):
-    """Where the pairs of a benchmark come from; all but simulated read a folder."""
+    """Where the pairs of a benchmark come from; all but the first two read a folder."""
 
     simulated = "simulated"
+    overlapping = "overlapping"
+    """Simulated too, with an overlap that is chosen: most of the pairs have 10 to 30 %."""
     folder = "folder"
     """Any folder with a pairs.json."""
     threedmatch = "threedmatch"
@@ -143,7 +145,7 @@ class EvaluateConfig:
     family: str = "paper_room"
     """Simulated: family of scenes; all takes every one whose scans have one answer only."""
     pairs: int = 40
-    """Simulated: number of pairs of a family."""
+    """Simulated: number of pairs of a family; overlapping: of each kind of scans."""
     scanner: str = "terrestrial"
     """Simulated: preset of the scanner."""
     rotation: str = "yaw"

@@ -1,0 +1,134 @@
+"""Simulated pairs whose overlap is chosen: most of them between 10 and 30 %."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.benchmark.datasets.pairset import PairSet
+from skipnet.benchmark.metrics import measured_overlap
+from skipnet.skipmap.resolution import choose_voxel_size
+from skipnet.types import FloatArray, Pair
+
+GOALS = ((0.0, 0.05), (0.15, 0.10), (0.75, 0.30), (1.0, 0.60))
+"""(share of the pairs, overlap below which they lie): six of ten have 10 to 30 %."""
+TOLERANCE = 0.02
+"""A pair may miss its goal by this much."""
+SEARCH_STEPS = 10
+TRIES = 12
+MIN_POINTS = 2000
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One set of the benchmark: scenes, and what scans them."""
+
+    family: str
+    """A family of scenes, or "figure"."""
+    device: str
+    """Of ``skipnet.simulation.views.DEVICES``; figures have a camera of their own."""
+    success_rotation_deg: float = 2.0
+    success_translation_m: float = 0.1
+
+    @property
+    def name(self) -> str:
+        """In tables."""
+        return f"{self.family}, {self.device}"
+
+
+KINDS = (
+    Kind("oblique", "dome"),
+    Kind("terrain", "dome", success_translation_m=0.3),
+    Kind("facade", "rings", success_translation_m=0.3),
+    Kind("kitchen", "dome"),
+    Kind("clutter", "camera"),
+    Kind("kitchen", "camera"),
+    Kind("kitchen", "fused"),
+    Kind("figure", "camera", 5.0, 0.005),
+)
+
+Clouds = Callable[[float], tuple[FloatArray, FloatArray, FloatArray]]
+"""A turn in radians to source (N, 3), target (M, 3) and the true (4, 4) motion."""
+
+
+def overlapping_pairs(count: int, seed: int = 0) -> PairSet:
+    """``count`` pairs of each of ``KINDS``; pair i of a kind starts from seed ``seed + i``."""
+    if count < 1:
+        raise ValueError(f"pairs={count}: expected at least one pair of each kind")
+    plan = [(kind, index) for index in range(count) for kind in KINDS]
+    names = tuple(f"{kind.name}_{seed + index:04d}" for kind, index in plan)
+
+    def load(position: int) -> Pair:
+        kind, index = plan[position]
+        # The kinds' goals interleave: together they fill the range evenly.
+        share = (index + (KINDS.index(kind) + 0.5) / len(KINDS)) / count
+        return make_pair(kind, seed + index, goal_overlap(share), names[position])
+
+    return PairSet(names, load)
+
+
+def goal_overlap(share: float) -> float:
+    """The overlap below which ``share`` of the pairs lie.
+
+    >>> goal_overlap(0.0), goal_overlap(0.45), goal_overlap(1.0)
+    (0.05, 0.2, 0.6)
+    """
+    shares, overlaps = zip(*GOALS, strict=True)
+    return round(float(np.interp(share, shares, overlaps)), 6)
+
+
+def make_pair(kind: Kind, seed: int, overlap: float, name: str) -> Pair:
+    """The first pair of the kind, over scenes ``seed``, ``seed`` + 1000, ..., near that overlap.
+
+    Raises:
+        ValueError: none of ``TRIES`` scenes gave such a pair.
+    """
+    for attempt in range(TRIES):
+        clouds, farthest_rad = _scene(kind, seed + 1000 * attempt)
+        pair = _search(clouds, farthest_rad, overlap, kind, name)
+        if pair is not None:
+            return pair
+    raise ValueError(f"{name}: {TRIES} scenes gave no overlap of {overlap:.0%}; take another seed")
+
+
+def _scene(kind: Kind, seed: int) -> tuple[Clouds, float]:
+    """A scene from two sides, and the turn by which these lie apart at most."""
+    from skipnet.simulation import figures, views
+
+    if kind.family == "figure":
+        table = figures.turn_figure(seed)
+        return (
+            lambda turn_rad: (*table.clouds_m(turn_rad), table.T_target_source(turn_rad)),
+            figures.FARTHEST_TURN_RAD,
+        )
+    scene = views.look_around(kind.family, seed, kind.device)
+    return (
+        lambda turn_rad: (*scene.clouds_m(turn_rad), scene.T_target_source),
+        views.FARTHEST_TURN_RAD,
+    )
+
+
+def _search(clouds: Clouds, farthest_rad: float, goal: float, kind: Kind, name: str) -> Pair | None:
+    """Bisect the turn, under which the overlap falls; None where it jumps over the goal."""
+    low_rad, high_rad = 0.0, farthest_rad
+    for _ in range(SEARCH_STEPS):
+        turn_rad = 0.5 * (low_rad + high_rad)
+        source_m, target_m, T_target_source = clouds(turn_rad)
+        if min(len(source_m), len(target_m)) < MIN_POINTS:
+            return None
+        pair = Pair(
+            name=name,
+            set_name=kind.name,
+            source_m=source_m,
+            target_m=target_m,
+            T_target_source=T_target_source,
+            success_rotation_rad=float(np.deg2rad(kind.success_rotation_deg)),
+            success_translation_m=kind.success_translation_m,
+        )
+        overlap = measured_overlap(pair, choose_voxel_size(source_m, target_m))
+        if abs(overlap - goal) < TOLERANCE:
+            return pair
+        low_rad, high_rad = (turn_rad, high_rad) if overlap > goal else (low_rad, turn_rad)
+    return None
