@@ -28,7 +28,12 @@ class RegistrationConfig:
     """Options of the registration itself; the defaults serve any scan."""
 
     generators: list[Generator] = field(
-        default_factory=lambda: [Generator.planes, Generator.slides, Generator.descriptors]
+        default_factory=lambda: [
+            Generator.planes,
+            Generator.slides,
+            Generator.descriptors,
+            Generator.fpfh,
+        ]
     )
     """Asked in this order; a later one only while the verdict is not clear yet."""
     denoise: bool = False

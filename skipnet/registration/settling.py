@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skipnet.config import RegistrationConfig
 from skipnet.registration.answer import Answer
+from skipnet.registration.closer_look import look_closer
 from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan
 from skipnet.registration.sliding import slide, slides_freely
@@ -30,10 +33,14 @@ HARMLESS_OVERLAP = 0.2
 """... and so does one that contradicts nothing, if this much agrees and the best pose does ..."""
 HARMFUL_VIOLATION = 0.003
 """... contradict what was seen, by this share of all voxels and more."""
+CLOSE_LEAD = 0.5
+"""A best pose that leads by less is compared with its rivals more strictly."""
 CHANCE_SCORE = 0.1
 """What some pose always scores: a lead counts against this, though no rival be found."""
 FINALISTS = 10
 """Distinct poses that stay in the running when the next generator is asked."""
+MIN_POLISHED = 0.85
+"""A final fine alignment that leaves the best pose less than this share of its score is undone."""
 SPARSE_FINALISTS = 6
 """Candidates of sparse scans that are worth fine alignment by GICP, which takes one at a time."""
 MIN_SPARSE_HOLD = 6.0
@@ -77,6 +84,9 @@ def settle(
     if not bench.is_sparse:
         T, score = bench.slide(fine, score)
     kept = bench.distinct(T, score)
+    if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_LEAD) * score.total[kept[0]]:
+        score = bench.look_closer(T, score)
+        kept = bench.distinct(T, score)
     if bench.is_sparse:
         fine = lay_on_planes(
             fine[kept[:1]],
@@ -87,7 +97,11 @@ def settle(
             bench.voxel_size_m,
         )
     else:
+        unpolished = replace(fine[kept[:1]], T_target_source=T[kept[:1]])
         fine = polish(T[kept[0]], source, target)
+        # What hardly anything holds may drift: then the judge likes it less than before.
+        if bench.judge(fine.T_target_source).total[0] < MIN_POLISHED * score.total[kept[0]]:
+            fine = unpolished
     findings = bench.summarise(fine, T, score, kept)
     kept = kept[:FINALISTS]
     return Answer(coarse[kept], T[kept], fine.T_target_source[0], decide(findings), findings)
@@ -108,6 +122,7 @@ class _Bench:
     def __init__(self, source: Scan, target: Scan, config: RegistrationConfig) -> None:
         self.voxel_size_m = source.skipmap.voxel_size_m
         self.is_sparse = source.is_sparse or target.is_sparse
+        self._scans = (source.evidence, source.skipmap), (target.evidence, target.skipmap)
         self._case = (
             source.evidence,
             target.evidence,
@@ -118,6 +133,10 @@ class _Bench:
     def judge(self, T_target_source: FloatArray, strictness: Strictness = FINE) -> Score:
         """Score (C, 4, 4) poses with all samples."""
         return judge(T_target_source, *self._case, strictness)
+
+    def look_closer(self, T_target_source: FloatArray, score: Score) -> Score:
+        """Score (C, 4, 4) poses anew, as strictly as the scans' noise allows."""
+        return look_closer(T_target_source, score, self._scans, *self._case[2:])
 
     def distinct(self, T_target_source: FloatArray, score: Score) -> IntArray:
         """Rows of the poses that differ from every better one, best first."""
