@@ -9,7 +9,8 @@ import numpy as np
 from skipnet.types import FloatArray
 
 _CHUNK = 1 << 14
-"""Points handled at a time: enough to outweigh the calls, few enough for the cache."""
+"""Points handled at a time: enough to outweigh the calls, few enough for the cache, and for BLAS
+to keep to one thread: two on so small a product wait for each other longer than they compute."""
 
 
 def make_transform(rotation: FloatArray, translation_m: FloatArray) -> FloatArray:
@@ -36,6 +37,8 @@ def transform_points(T_a_b: FloatArray, points_b_m: FloatArray) -> FloatArray:
     >>> transform_points(make_transform(np.eye(3), np.array([1.0, 0, 0])), np.zeros((1, 3)))
     array([[1., 0., 0.]])
     """
+    if points_b_m.ndim == T_a_b.ndim == 2 and len(points_b_m) > _CHUNK:
+        return np.concatenate([xyz_m.T for xyz_m in columns(points_b_m, T_a_b)])
     rotation = T_a_b[..., :3, :3]
     return points_b_m @ np.swapaxes(rotation, -1, -2) + T_a_b[..., None, :3, 3]
 
@@ -56,10 +59,12 @@ def columns(
     for start in range(0, len(points_b_m), chunk):
         rows_m = points_b_m[start : start + chunk]
         xyz_m = np.empty((3, len(rows_m)))
-        xyz_m[:] = rows_m.T
-        if T_a_b is not None:
-            xyz_m = T_a_b[:3, :3] @ xyz_m
-            xyz_m += T_a_b[:3, 3:]
+        for first in range(0, len(rows_m), _CHUNK):
+            piece_m = xyz_m[:, first : first + _CHUNK]
+            piece_m[:] = rows_m[first : first + _CHUNK].T
+            if T_a_b is not None:
+                piece_m[:] = T_a_b[:3, :3] @ piece_m
+                piece_m += T_a_b[:3, 3:]
         yield xyz_m
 
 
