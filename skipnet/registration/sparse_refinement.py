@@ -22,8 +22,8 @@ NEIGHBOURS = 10
 """Points that make a surface: enough to bridge two scan lines."""
 REACHES_VOXELS = (4.0, 2.0, 1.0)
 """Farthest correspondence, from the first alignment to the last."""
-MAX_ITERATIONS = 30
-"""At each reach; right poses need 20 at most, and wrong ones would go on for long."""
+MAX_ITERATIONS = 12
+"""At each reach; right poses need 5 or so, and wrong ones would go on for long."""
 MAX_SHIFT_VOXELS = 3.0
 """A pose that moves further has run away."""
 
