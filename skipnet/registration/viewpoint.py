@@ -11,19 +11,66 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 MAX_HIDDEN_SHARE = 0.05
 """Of scans from one place at most this share of voxels seems hidden (noise, porous trees: 4 % of an
 apartment); of fused and moving ones up to several times as much."""
+MIN_FALLOFF = 0.15
+"""Correlation of a scan's density with what its sensor's place predicts: 0.24 and more for raw
+scans of one sensor, below 0.12 for wrong places; thinned and fused scans have little of it left."""
+MIN_BEHIND_SHARE = 0.1
+"""Surfaces of which less would be hidden from behind may have been scanned from there. Of scanned
+rooms a fifth and more would be."""
+_BEHIND_EXTENTS = 3.0
 _FLAT_CURVATURE = 0.03
 _MIN_COSINE = 0.2
+_MIN_SLANT_COSINE = 0.1
 _STEPS_AT_ONCE = 32
 
 
 def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
     """The origin if the scan can have been taken from there, else None.
 
+    An object scanned from outside hides nothing from a place inside it either, and the origin often
+    lies there: so where a scan could as well have been taken from the other side of its surfaces,
+    its density must speak for the origin.
+
     Args:
         skipmap: the scan's Skip-map; its own viewpoint does not matter.
         origin_m: (3,) origin of the frame in which the scan was given, in the Skip-map's frame.
     """
-    return origin_m if hidden_share(skipmap, origin_m) <= MAX_HIDDEN_SHARE else None
+    if hidden_share(skipmap, origin_m) > MAX_HIDDEN_SHARE:
+        return None
+    if density_falloff(skipmap, origin_m) >= MIN_FALLOFF:
+        return origin_m
+    seen_from_behind = hidden_share(skipmap, _behind(skipmap, origin_m)) < MIN_BEHIND_SHARE
+    return None if seen_from_behind else origin_m
+
+
+def density_falloff(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
+    """How well a scan's density agrees with a sensor at (3,) ``viewpoint_m``.
+
+    Whatever its pattern, a sensor's points spread out with the square of the range, and along a
+    slanted surface with the cosine of the angle.
+
+    Returns:
+        Correlation over the voxels between the logarithms of points and of cosine / range^2, -1 to
+        1; 0 says nothing, as do fewer than three voxels.
+    """
+    to_sensor_m = viewpoint_m - skipmap.centroids_m
+    range_m = np.linalg.norm(to_sensor_m, axis=1)
+    away_m = np.abs(np.einsum("vi,vi->v", to_sensor_m, skipmap.normals))
+    rows = np.flatnonzero(away_m > _MIN_SLANT_COSINE * range_m)
+    if len(rows) < 3:
+        return 0.0
+    expected, counts = np.log(away_m[rows] / range_m[rows] ** 3), np.log(skipmap.counts[rows])
+    if min(np.ptp(expected), np.ptp(counts)) == 0:
+        return 0.0
+    return float(np.corrcoef(expected, counts)[0, 1])
+
+
+def _behind(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:
+    """(3,) a place far behind the surfaces, as seen from ``viewpoint_m``."""
+    towards = skipmap.seen_from(viewpoint_m).normals.sum(axis=0)
+    extent_m = np.linalg.norm(np.ptp(skipmap.centroids_m, axis=0))
+    way = -towards / max(float(np.linalg.norm(towards)), 1e-12)
+    return skipmap.centroids_m.mean(axis=0) + _BEHIND_EXTENTS * extent_m * way
 
 
 def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 1000) -> float:
