@@ -17,7 +17,7 @@ from skipnet.simulation.disturbances import add_passers_by
 def trials(count=400):
     rng = np.random.default_rng(0)
     features = rng.uniform(0, 1, (count, len(FEATURES)))
-    right = features @ [2.0, -1.0, 3.0, 1.0] + rng.normal(0, 0.3, count) > 2.5
+    right = features[:, :4] @ [2.0, -1.0, 3.0, 1.0] + rng.normal(0, 0.3, count) > 2.5
     return [
         Trial(str(i), f, MAX_VIOLATION / 2, bool(r))
         for i, (f, r) in enumerate(zip(features, right, strict=True))

@@ -14,7 +14,7 @@ from skipnet.geometry import (
     transform_points,
 )
 from skipnet.registration.refinement import refine
-from skipnet.registration.verdict import holds, is_weak
+from skipnet.registration.sliding import holds, is_weak
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 

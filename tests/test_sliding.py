@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.geometry import make_transform
-from skipnet.registration.sliding import slide, slides_freely
+from skipnet.geometry import make_transform, random_rotation
+from skipnet.registration.refinement import refine
+from skipnet.registration.sliding import (
+    MIN_DETERMINED,
+    holds_against,
+    moves_freely,
+    slide,
+)
 from skipnet.registration.verification import build_evidence
 from skipnet.skipmap.skipmap import build_skipmap
 
@@ -24,6 +30,11 @@ def tube(ends: bool, count=60_000, half_m=(6.0, 1.0, 1.2)):
     rows = np.arange(count)
     points_m[rows, face // 2] = (side * (2 * (face % 2)[:, None] - 1))[rows, face // 2]
     return points_m + 0.02
+
+
+def shift(direction):
+    """A motion without a turn."""
+    return np.append(np.zeros(3), direction)
 
 
 def evidence_of(points_m):
@@ -47,9 +58,61 @@ def test_end_walls_bring_a_shifted_pose_back(closed, shift_m):
     slid = slide(start, ALONG, closed, closed, *CASE)
     assert abs(slid[0, 3]) < 0.25 * VOXEL_M
     np.testing.assert_array_equal(slid[1:], start[1:])
-    assert not slides_freely(np.eye(4), ALONG, closed, closed, *CASE)
+    assert not moves_freely(shift(ALONG), np.eye(4), np.zeros(3), closed, closed, *CASE)
 
 
 def test_nothing_holds_a_pose_along_an_open_corridor(open_ended):
-    assert slides_freely(np.eye(4), ALONG, open_ended, open_ended, *CASE)
-    assert not slides_freely(np.eye(4), ACROSS, open_ended, open_ended, *CASE)
+    assert moves_freely(shift(ALONG), np.eye(4), np.zeros(3), open_ended, open_ended, *CASE)
+    assert not moves_freely(shift(ACROSS), np.eye(4), np.zeros(3), open_ended, open_ended, *CASE)
+
+
+def ball(seed, bump_m, count=150_000, radius_m=2.0):
+    """A ball at (3, 0, 0) seen from everywhere, with a dent or bump on one side."""
+    rng = np.random.default_rng(seed)
+    ways = rng.normal(size=(count, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    height_m = bump_m * np.exp(-8 * (1 - ways[:, 0])) * (1 + 0.5 * ways[:, 1])
+    return (radius_m + height_m)[:, None] * ways + [3.0, 0, 0]
+
+
+def test_a_ball_on_a_ball_turns_freely_about_its_middle_and_one_with_a_bump_does_not():
+    held = []
+    for bump_m in (0.0, 0.8):
+        scans = [build_skipmap(ball(seed, bump_m), VOXEL_M) for seed in (0, 1)]
+        fine = refine(np.eye(4)[None], [(scans[0], scans[1])])
+        share, motions = holds_against(fine.information[0], fine.matched[0], fine.spread_m[0])
+        held.append(share)
+        evidence = [
+            build_evidence(scan, scan.centroids_m, np.random.default_rng(0)) for scan in scans
+        ]
+        case = fine.T_target_source[0], fine.centre_m[0], *evidence, *CASE
+        free = [moves_freely(motion, *case) for motion in motions]
+        if bump_m == 0:
+            # Three turns about the middle of the ball, wherever the scans' origin is.
+            assert (share[:3] < MIN_DETERMINED).all() and (share[3:] > 0.2).all()
+            assert free == [True] * 3 + [False] * 3
+            for motion in motions[:3]:
+                middle_m = np.array([3.0, 0, 0]) - fine.centre_m[0]
+                moved_m = np.cross(motion[:3], middle_m) + motion[3:]
+                assert np.linalg.norm(moved_m) < 0.1 * np.linalg.norm(motion[:3])
+        else:
+            assert not any(free[2:])
+    assert (held[1][2:] > 10 * held[0][2]).all()
+
+
+def test_the_share_of_a_motion_does_not_depend_on_unit_or_frame():
+    rng = np.random.default_rng(0)
+    points_m, normals = rng.normal(size=(50, 3)), rng.normal(size=(50, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    shares = []
+    for scale, turn in ((1.0, np.eye(3)), (1000.0, random_rotation(rng))):
+        moved_m, turned = scale * points_m @ turn.T, normals @ turn.T
+        lever_m = moved_m - moved_m.mean(axis=0)
+        jacobian = np.hstack([np.cross(lever_m, turned), turned])
+        spread_m = np.sqrt((lever_m**2).sum(axis=1).mean())
+        shares.append(holds_against(jacobian.T @ jacobian, 50, spread_m)[0])
+    np.testing.assert_allclose(shares[0], shares[1], rtol=1e-9)
+
+
+def test_without_matches_nothing_is_held():
+    assert not holds_against(np.zeros((6, 6)), 0, 0.0)[0].any()

@@ -21,6 +21,7 @@ def started_from(T_target_source):
         np.zeros((count, 6, 6)),
         np.zeros(count, dtype=np.int64),
         np.zeros((count, 3)),
+        np.ones(1),
     )
 
 

@@ -26,7 +26,7 @@ def rings_in_a_room(seed, heights_m=(-1.5, 1.5), half_m=5.0, noise_m=0.001):
 
 def single(T):
     information = np.diag([1e6, 1e6, 1e6, 1e6, 1e6, 1e2])
-    return Refinement(T[None], information[None], np.array([1000]), np.zeros((1, 3)))
+    return Refinement(T[None], information[None], np.array([1000]), np.zeros((1, 3)), np.ones(1))
 
 
 def test_floor_and_ceiling_are_found_and_nothing_else():

@@ -31,7 +31,7 @@ FIRST_SEED = 50_000
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
 SCANNERS = ("terrestrial", "rings")
 REGULARISATION = 10.0
-FIGURES = ("overlap", "violation", "margin", "held_voxels")
+FIGURES = ("overlap", "violation", "margin", "held_voxels", "blind")
 """Names in a result's details of what ``Findings.features_from`` takes."""
 
 

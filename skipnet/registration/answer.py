@@ -53,6 +53,7 @@ class Answer:
             self.findings,
             covariance=both @ self.findings.covariance @ both.T,
             free_directions=self.findings.free_directions @ rotation.T,
+            free_turns=self.findings.free_turns @ rotation.T,
             alternatives=change(self.findings.alternatives),
         )
         return Answer(poses[0], poses[1], poses[2], decide(findings), findings)
@@ -83,6 +84,8 @@ class Answer:
             "position_std_m": found and float(np.sqrt(np.trace(found.covariance[3:, 3:]))),
             "rotation_std_rad": found and float(np.sqrt(np.trace(found.covariance[:3, :3]))),
             "covariance": found and found.covariance.tolist(),
+            "blind": found and found.blind,
             "free_directions": found and found.free_directions.tolist(),
+            "free_turns": found and found.free_turns.tolist(),
             "alternatives_T_target_source": found and found.alternatives.tolist(),
         }

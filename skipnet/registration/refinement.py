@@ -44,6 +44,8 @@ class Refinement:
     """(C,) correspondences in the last step."""
     centre_m: FloatArray
     """(C, 3) centre of the matched points, target frame."""
+    spread_m: FloatArray
+    """(C,) root mean square of their distances from it."""
 
     @property
     def covariance(self) -> FloatArray:
@@ -59,6 +61,7 @@ class Refinement:
             self.information[rows],
             self.matched[rows],
             self.centre_m[rows],
+            self.spread_m[rows],
         )
 
 
@@ -97,7 +100,7 @@ def refine(
 def _before_any_level(T: FloatArray) -> Refinement:
     count = len(T)
     matched = np.zeros(count, dtype=np.int64)
-    return Refinement(T, np.zeros((count, 6, 6)), matched, np.zeros((count, 3)))
+    return Refinement(T, np.zeros((count, 6, 6)), matched, np.zeros((count, 3)), np.zeros(count))
 
 
 def _keep_tracked(
@@ -113,6 +116,7 @@ def _keep_tracked(
         np.where(good[:, None, None], matches.information, before.information),
         np.where(good, matched, before.matched),
         np.where(good[:, None], matches.centre_m, before.centre_m),
+        np.where(good, matches.spread_m, before.spread_m),
     )
 
 
@@ -122,6 +126,7 @@ class _Matches:
 
     valid: BoolArray
     centre_m: FloatArray
+    spread_m: FloatArray
     information: FloatArray
     gradient: FloatArray
 
@@ -217,9 +222,11 @@ def _linearise(
     turned = (y_m * n_z - z_m * n_y, z_m * n_x - x_m * n_z, x_m * n_y - y_m * n_x)
     jacobian = np.stack([*turned, n_x, n_y, n_z], axis=1)
     weighted = jacobian * weight[:, None]
+    square_m2 = ((x_m * x_m + y_m * y_m + z_m * z_m) * valid).sum(axis=1)
     return _Matches(
         valid,
         centre_m,
+        np.sqrt(square_m2 / count),
         weighted @ jacobian.transpose(0, 2, 1),
         (weighted @ residual_m[..., None])[..., 0],
     )

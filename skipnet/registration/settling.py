@@ -11,10 +11,17 @@ from skipnet.registration.answer import Answer
 from skipnet.registration.closer_look import look_closer
 from skipnet.registration.refinement import Refinement, refine
 from skipnet.registration.scans import Scan
-from skipnet.registration.sliding import slide, slides_freely
+from skipnet.registration.sliding import (
+    MIN_DETERMINED,
+    holds,
+    holds_against,
+    is_weak,
+    moves_freely,
+    slide,
+)
 from skipnet.registration.sparse_refinement import refine_sparse
 from skipnet.registration.thin_planes import lay_on_planes
-from skipnet.registration.verdict import Findings, decide, holds, is_weak
+from skipnet.registration.verdict import Findings, decide
 from skipnet.registration.verification import (
     FINE,
     HOPELESS,
@@ -123,6 +130,7 @@ class _Bench:
         self.voxel_size_m = source.skipmap.voxel_size_m
         self.is_sparse = source.is_sparse or target.is_sparse
         self._scans = (source.evidence, source.skipmap), (target.evidence, target.skipmap)
+        self.blind = float(np.mean([scan.viewpoint_m is None for scan in (source, target)]))
         self._case = (
             source.evidence,
             target.evidence,
@@ -155,6 +163,32 @@ class _Bench:
         slid = (fine.T_target_source != T).any()
         return T, self.judge(T) if slid else score
 
+    def free(self, fine: Refinement) -> tuple[FloatArray, FloatArray]:
+        """(F, 3) directions along which one pose can slide and (G, 3) axes about which it can turn.
+
+        Turns are looked for where no slide is free: a plane's or a pipe's would only repeat these.
+        The normals of sparse scans are too rough to tell.
+        """
+        T, centre_m = fine.T_target_source[0], fine.centre_m[0]
+        share, directions = holds(fine.information[0], fine.matched[0])
+        free = [
+            direction
+            for part, direction in zip(share, directions, strict=True)
+            if is_weak(part, fine.matched[0])
+            and (
+                (self.is_sparse and part * fine.matched[0] < MIN_SPARSE_HOLD)
+                or moves_freely(np.append(np.zeros(3), direction), T, centre_m, *self._case)
+            )
+        ]
+        share, motions = holds_against(fine.information[0], fine.matched[0], fine.spread_m[0])
+        weak = motions[(share < MIN_DETERMINED) & motions[:, :3].any(axis=1)]
+        turns = [
+            motion[:3] / np.linalg.norm(motion[:3])
+            for motion in weak
+            if not (free or self.is_sparse) and moves_freely(motion, T, centre_m, *self._case)
+        ]
+        return np.array(free).reshape(-1, 3), np.array(turns).reshape(-1, 3)
+
     def summarise(
         self, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
     ) -> Findings:
@@ -174,23 +208,17 @@ class _Bench:
         )
         harmless &= score.violation[best] >= HARMFUL_VIOLATION
         closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
-        share, directions = holds(fine.information[0], fine.matched[0])
-        free = [
-            direction
-            for part, direction in zip(share, directions, strict=True)
-            if is_weak(part, fine.matched[0])
-            and (
-                (self.is_sparse and part * fine.matched[0] < MIN_SPARSE_HOLD)
-                or slides_freely(fine.T_target_source[0], direction, *self._case)
-            )
-        ]
+        directions, turns = self.free(fine)
+        share, _ = holds_against(fine.information[0], fine.matched[0], fine.spread_m[0])
         return Findings(
             overlap=float(score.overlap[best]),
             violation=float(score.violation[best]),
             margin=float(max(1 - closest / top, 0.0)),
             matched=int(fine.matched[0]),
             held_voxels=float(share[0] * fine.matched[0]),
+            blind=self.blind,
             covariance=fine.covariance[0],
-            free_directions=np.array(free).reshape(-1, 3),
+            free_directions=directions,
+            free_turns=turns,
             alternatives=T_target_source[rivals[(lead < AMBIGUOUS_LEAD) | harmless]],
         )

@@ -64,7 +64,7 @@ def refine_sparse(
         # Mean squared Mahalanobis distance: the scale that the covariances leave open.
         scale = max(2 * found.error / found.num_inliers, 1e-12)
         information[row] = _in_target_axes(found.H, T[row], centre_source_m) / scale
-    return Refinement(T, information, matched, centre_m)
+    return Refinement(T, information, matched, centre_m, before.spread_m)
 
 
 def _align(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.types import BoolArray, FloatArray
+from skipnet.types import FloatArray
 
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
 MIN_CONFIDENCE = 0.5
@@ -18,11 +18,16 @@ MAX_VIOLATION = 0.02
 """Scans of one shell with other furniture contradict each other by 2.9 % and more, whatever else
 agrees; right poses of dense scans with passers-by by up to 1.6 %. Scans of few lines with many
 passers-by reach 6 %, and are refused: rather that than a wrong room."""
-MIN_DETERMINED = 0.01
-"""A direction that less than this share of the normals faces is weak: noise can hold it ..."""
-MIN_DETERMINING_VOXELS = 30.0
-"""... and so is one that fewer voxels than this face."""
-FEATURES = ("overlap", "violation", "margin", "held")
+FEATURES = (
+    "overlap",
+    "violation",
+    "margin",
+    "held",
+    "blind",
+    "blind_overlap",
+    "blind_margin",
+    "blind_held",
+)
 FIRMLY_HELD_VOXELS = 99.0
 """More than this says nothing more."""
 
@@ -40,27 +45,35 @@ class Findings:
     matched: int
     """Correspondences of the fine alignment."""
     held_voxels: float
-    """Voxels, in effect, that face the direction in which the pose is held least."""
+    """Voxels, in effect, that face the motion against which the pose is held least."""
+    blind: float
+    """Share of the two scans whose viewpoint is unknown: they contradict nothing."""
     covariance: FloatArray
     """(6, 6) of the pose as the matched surfaces' scatter predicts it: rotation (rad) about their
     centre, then translation (m), in the target's axes."""
     free_directions: FloatArray
     """(F, 3) unit directions in the target's frame along which the data let the pose slide."""
+    free_turns: FloatArray
+    """(F, 3) unit axes in the target's frame about which the data let the pose turn."""
     alternatives: FloatArray
     """(A, 4, 4) distinct poses that explain the data as well."""
 
     @property
     def features(self) -> FloatArray:
         """What the confidence is computed from, in the order of ``FEATURES``."""
-        return self.features_from(self.overlap, self.violation, self.margin, self.held_voxels)
+        return self.features_from(
+            self.overlap, self.violation, self.margin, self.held_voxels, self.blind
+        )
 
     @staticmethod
     def features_from(
-        overlap: float, violation: float, margin: float, held_voxels: float
+        overlap: float, violation: float, margin: float, held_voxels: float, blind: float
     ) -> FloatArray:
         """(F,) features of figures as this class holds them."""
         held = np.log10(1 + min(held_voxels, FIRMLY_HELD_VOXELS))
-        return np.array([overlap, np.sqrt(violation), margin, held])
+        # Without free space the other figures must say more: they get weights of their own.
+        in_the_dark = blind * np.array([1.0, overlap, margin, held])
+        return np.array([overlap, np.sqrt(violation), margin, held, *in_the_dark])
 
 
 @dataclass(frozen=True)
@@ -88,6 +101,10 @@ def decide(findings: Findings) -> Verdict:
         axis = np.array2string(findings.free_directions[0], precision=2, suppress_small=True)
         reason = f"{seen}, but nothing fixes the position along {axis} in the target's frame"
         return Verdict("ambiguous", min(confidence, 0.5), reason)
+    if len(findings.free_turns):
+        axis = np.array2string(findings.free_turns[0], precision=2, suppress_small=True)
+        reason = f"{seen}, but nothing fixes the turn about {axis} in the target's frame"
+        return Verdict("ambiguous", min(confidence, 0.5), reason)
     if len(findings.alternatives):
         poses = 1 + len(findings.alternatives)
         reason = f"{seen}, but {poses} distinct poses explain the data about equally well"
@@ -103,30 +120,6 @@ def confidence_of(features: FloatArray) -> float:
     """Calibrated probability that a pose with these ``FEATURES`` is right (logistic regression)."""
     fitted = _calibration()
     return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias))))
-
-
-def holds(information: FloatArray, matched: int) -> tuple[FloatArray, FloatArray]:
-    """How firmly the matched normals hold the translation, along its three principal directions.
-
-    Args:
-        information: (6, 6) normal matrix of (rotation, translation).
-        matched: correspondences that it sums over.
-
-    Returns:
-        (3,) shares of the matches that face each direction, ascending (they sum to 1; all 0 without
-        matches), and (3, 3) the unit directions in rows.
-    """
-    held = information[3:, 3:]
-    trace = np.trace(held)
-    if matched == 0 or trace <= 0:
-        return np.zeros(3), np.eye(3)
-    share, vectors = np.linalg.eigh(held / trace)
-    return np.clip(share, 0.0, 1.0), vectors.T
-
-
-def is_weak(share: FloatArray, matched: int) -> BoolArray:
-    """Which directions, of these shares of the matches, the normals hold weakly or not at all."""
-    return (share < MIN_DETERMINED) | (share * matched < MIN_DETERMINING_VOXELS)
 
 
 @dataclass(frozen=True)

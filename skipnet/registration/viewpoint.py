@@ -35,7 +35,7 @@ def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
         skipmap: the scan's Skip-map; its own viewpoint does not matter.
         origin_m: (3,) origin of the frame in which the scan was given, in the Skip-map's frame.
     """
-    if hidden_share(skipmap, origin_m) > MAX_HIDDEN_SHARE:
+    if len(skipmap) == 0 or hidden_share(skipmap, origin_m) > MAX_HIDDEN_SHARE:
         return None
     if density_falloff(skipmap, origin_m) >= MIN_FALLOFF:
         return origin_m
