@@ -1,8 +1,9 @@
 """Fitting the verdict's confidence on simulated pairs: ``python -m skipnet.benchmark.calibration``.
 
-Positives are pairs of every simulated family, undisturbed and with passers-by; negatives are scans
-of two different scenes of one family, which for paper rooms means the same shell with other
-furniture. No real cloud takes part. The seeds lie apart from those of training and the benchmarks.
+Positives are pairs of every simulated family, undisturbed, with passers-by and without viewpoints,
+and views of little overlap; negatives are scans of two different scenes of one kind, which for
+paper rooms means the same shell with other furniture. No real cloud takes part. The seeds lie apart
+from those of training and the benchmarks.
 """
 
 from __future__ import annotations
@@ -12,20 +13,21 @@ import os
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
 import numpy as np
 
+from skipnet.benchmark.datasets.overlapping import KINDS, Kind, goal_overlap, make_pair
 from skipnet.clouds.atomic import write_text
 from skipnet.config import RegistrationConfig
 from skipnet.geometry import pose_error
 from skipnet.registration.pipeline import register
+from skipnet.registration.scans import Viewpoint
 from skipnet.registration.verdict import CALIBRATION_FILE, FEATURES, MAX_VIOLATION, Findings
 from skipnet.simulation.disturbances import add_passers_by
 from skipnet.simulation.pairs import simulate_pair
-from skipnet.types import FloatArray, Registration
+from skipnet.types import FloatArray, Pair, Registration
 
 FIRST_SEED = 50_000
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
@@ -49,44 +51,85 @@ class Trial:
 
 
 def run_trials(
-    scenes_per_family: int, config: RegistrationConfig | None = None, workers: int = 1
+    scenes: int, config: RegistrationConfig | None = None, workers: int = 1
 ) -> Iterator[Trial]:
-    """Register simulated positives and negatives, two of each per scene and scanner."""
-    scenes = [
-        (family, scanner, FIRST_SEED + 2 * index)
-        for index in range(scenes_per_family)
-        for family in FAMILIES
-        for scanner in SCANNERS
-    ]
+    """Register simulated positives and negatives of so many scenes of each kind."""
+    seeds = [FIRST_SEED + 2 * index for index in range(scenes)]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        for trials in pool.map(partial(trials_of_scene, config=config), *zip(*scenes, strict=True)):
-            yield from trials
+        jobs = [
+            pool.submit(trials_of_scene, family, scanner, seed, config)
+            for seed in seeds
+            for family in FAMILIES
+            for scanner in SCANNERS
+        ]
+        jobs += [
+            pool.submit(trials_of_views, kind, seed, index / scenes, config)
+            for index, seed in enumerate(seeds)
+            for kind in KINDS
+        ]
+        for job in jobs:
+            yield from job.result()
 
 
 def trials_of_scene(
     family: str, scanner: str, seed: int, config: RegistrationConfig | None = None
 ) -> list[Trial]:
-    """Two positives and two negatives: undisturbed, and with passers-by."""
-    trials = []
+    """Positives and negatives: undisturbed, with passers-by, and without viewpoints."""
     pair = simulate_pair(family, seed, scanner=scanner, rotation="any").pair
     other = simulate_pair(family, seed + 1, scanner=scanner, rotation="any").pair
     rng = np.random.default_rng(seed)
-    for passers_by in (0, int(rng.integers(2, 12))):
-        source_m = add_passers_by(pair.source_m, passers_by, rng)
-        for target_m, kind in ((pair.target_m, "same"), (other.target_m, "different")):
-            disturbed_m = add_passers_by(target_m, passers_by, rng)
-            result = register(source_m, disturbed_m, seed=seed, config=config)
-            rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
-            right = (
-                kind == "same"
-                and rotation_rad < pair.success_rotation_rad
-                and translation_m < pair.success_translation_m
-            )
-            features = features_of(result)
-            if features is not None:
-                name = f"{family}/{scanner}/{seed}/{kind}/{passers_by}"
-                violation = float(str(result.details["violation"]))
-                trials.append(Trial(name, features, violation, right))
+    name, busy = f"{family}/{scanner}/{seed}", int(rng.integers(2, 12))
+    disturbed, disturbed_other = (
+        replace(
+            one,
+            source_m=add_passers_by(one.source_m, busy, rng),
+            target_m=add_passers_by(one.target_m, busy, rng),
+        )
+        for one in (pair, other)
+    )
+    return [
+        *_same_and_different(pair, other, f"{name}/still", config),
+        *_same_and_different(disturbed, disturbed_other, f"{name}/{busy} passers-by", config),
+        *_same_and_different(pair, other, f"{name}/blind", config, viewpoint=None),
+    ]
+
+
+def trials_of_views(
+    kind: Kind, seed: int, share: float, config: RegistrationConfig | None = None
+) -> list[Trial]:
+    """A positive and a negative of views of little overlap, as ``benchmark=overlap`` has them."""
+    name = f"{kind.name}/{seed}"
+    pair, other = (make_pair(kind, one, goal_overlap(share), name) for one in (seed, seed + 1))
+    return _same_and_different(pair, other, name, config)
+
+
+def _same_and_different(
+    pair: Pair,
+    other: Pair,
+    name: str,
+    config: RegistrationConfig | None,
+    viewpoint: Viewpoint = "auto",
+) -> list[Trial]:
+    """The pair, and its source with the target of another; without those that found no pose."""
+    trials = []
+    for target_m, kind in ((pair.target_m, "same"), (other.target_m, "different")):
+        result = register(
+            pair.source_m,
+            target_m,
+            source_viewpoint=viewpoint,
+            target_viewpoint=viewpoint,
+            config=config,
+        )
+        rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
+        right = (
+            kind == "same"
+            and rotation_rad < pair.success_rotation_rad
+            and translation_m < pair.success_translation_m
+        )
+        features = features_of(result)
+        if features is not None:
+            violation = float(str(result.details["violation"]))
+            trials.append(Trial(f"{name}/{kind}", features, violation, right))
     return trials
 
 
@@ -124,6 +167,7 @@ def fit(trials: list[Trial]) -> dict[str, object]:
         "right": int(right.sum()),
         "families": list(FAMILIES),
         "scanners": list(SCANNERS),
+        "views": [kind.name for kind in KINDS],
         "first_seed": FIRST_SEED,
         "regularisation": REGULARISATION,
     }
@@ -143,10 +187,10 @@ def expected_calibration_error(confidence: FloatArray, right: FloatArray, bins: 
     return float(round(np.abs(gap).sum() / max(count.sum(), 1), 12))
 
 
-def main(scenes_per_family: int = 10) -> None:
+def main(scenes: int = 8) -> None:
     """Run the trials, fit the confidence and replace the shipped ``confidence.json``."""
     trials = []
-    for trial in run_trials(scenes_per_family, workers=os.cpu_count() or 1):
+    for trial in run_trials(scenes, workers=os.cpu_count() or 1):
         trials.append(trial)
         figures = " ".join(f"{value:.3f}" for value in trial.features)
         sys.stderr.write(f"{'right' if trial.right else 'wrong'} {trial.name} {figures}\n")
