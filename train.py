@@ -1,4 +1,4 @@
-"""Train the classifier of feature voxels or the descriptor: ``python train.py --help``."""
+"""Train the network, classes and descriptor, or one for the classes alone: ``train.py --help``."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ CONFIG_DIR = Path(__file__).parent / "configs"
 
 def main(config: TrainConfig) -> dict[str, Any]:
     """Run the experiment that ``config`` describes, print its table and return its summary."""
-    if config.network is NetworkKind.descriptor:
-        from skipnet.learning.descriptor_experiment import train_descriptor as run_experiment
+    if config.network is NetworkKind.two_heads:
+        from skipnet.learning.descriptor_experiment import train_both_heads as run_experiment
     else:
         from skipnet.learning.experiment import run_experiment
 

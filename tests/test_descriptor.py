@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +24,18 @@ from skipnet.features.cylinders import (
     cylinder_patches,
 )
 from skipnet.features.descriptors import mutual_nearest
+from skipnet.learning import dataset
+from skipnet.learning.dataset import Samples
 from skipnet.learning.descriptor import (
+    SHIPPED_WEIGHTS,
     Descriptor,
+    classify_voxels,
     correspond,
     describe_keypoints,
     load_descriptor,
     save_descriptor,
 )
+from skipnet.learning.descriptor_experiment import predict
 from skipnet.learning.descriptor_network import (
     DescriptorNetwork,
     Similarities,
@@ -56,7 +62,17 @@ from skipnet.learning.descriptor_scores import (
     keypoints_of,
     summarise,
 )
-from skipnet.learning.descriptor_training import Outcome, Schedule, Watch, draw_batch, train_network
+from skipnet.learning.descriptor_training import (
+    Lessons,
+    Outcome,
+    Schedule,
+    Watch,
+    draw_batch,
+    train_network,
+)
+from skipnet.learning.devices import find_device
+from skipnet.learning.optimizers import ScaledConjugateGradient
+from skipnet.learning.scores import confusion_matrix, macro_f1
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.types import FloatArray
 
@@ -64,11 +80,12 @@ SHORT = Schedule(
     steps=30,
     scans_per_step=1,
     pairs_per_scans=64,
-    learning_rate=2e-3,
+    labelled=32,
     temperature=0.07,
     validate_every=10,
 )
-SMALL = Widths(sector=8, hidden=16, output=8)
+SMALL = Widths(sector=8, hidden=16, output=8, detail=8, joint=8)
+ADAM = partial(torch.optim.AdamW, lr=3e-3)
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +100,32 @@ def training() -> list[PatchPairs]:
 
 
 @pytest.fixture(scope="module")
+def labelled() -> Samples:
+    how = dataset.Recipe(most_per_class=20, with_surroundings=True)
+    return dataset.make_samples(["closed"], range(1), how)
+
+
+@pytest.fixture(scope="module")
+def lessons(training: list[PatchPairs], labelled: Samples) -> Lessons:
+    return Lessons(training, labelled, np.ones(len(labelled)))
+
+
+def train(
+    lessons: Lessons,
+    watch: Watch,
+    schedule: Schedule = SHORT,
+    seed: int = 3,
+    checkpoint: Path | None = None,
+    device: str = "cpu",
+) -> Outcome:
+    """Train a small network, started from the seed."""
+    torch.manual_seed(seed)
+    network = DescriptorNetwork(SMALL, dropout=0.2)
+    chosen = find_device(device)
+    return train_network(lessons, network, ADAM, schedule, seed, watch, checkpoint, chosen)
+
+
+@pytest.fixture(scope="module")
 def two_scans() -> TwoScans:
     domes = Recipe(rings_share=0, camera_share=0, fused_share=0, voxel_octaves=0)
     scans = simulate_two_scans("oblique", 20_001, domes)
@@ -91,12 +134,37 @@ def two_scans() -> TwoScans:
 
 
 def test_numpy_gives_what_torch_gives(patches: FloatArray) -> None:
-    network = DescriptorNetwork(Widths())
-    network.fit_scaling(torch.from_numpy(patches))
+    network = DescriptorNetwork(Widths()).eval()
+    details = np.random.default_rng(1).random((len(patches), 125)).astype(np.float32)
+    network.fit_scaling(torch.from_numpy(patches), torch.from_numpy(details))
     with torch.no_grad():
-        expected = network(torch.from_numpy(patches))
-    for got, wanted in zip(Descriptor(network.arrays(), {}).read(patches), expected, strict=True):
+        hidden = network(torch.from_numpy(patches))
+        classes = network.classify(torch.from_numpy(details), hidden).softmax(dim=1)
+        expected = (*network.describe(hidden), classes)
+    descriptor = Descriptor(network.arrays(), {})
+    found = (*descriptor.read(patches), descriptor.classify(details, patches))
+    for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted.numpy(), atol=2e-5)
+
+
+def test_waves_give_what_all_cyclic_orders_give(patches: FloatArray) -> None:
+    network = DescriptorNetwork(SMALL).eval()
+    with torch.no_grad():
+        sums = torch.relu(network.sector(torch.from_numpy(patches)))
+        orders = [network.mixing(sums.roll(turn, dims=1).flatten(1)) for turn in range(SECTORS)]
+        expected = torch.relu(torch.stack(orders).amax(dim=0))
+        torch.testing.assert_close(network(torch.from_numpy(patches)), expected)
+
+
+def test_classes_are_those_of_the_scene() -> None:
+    how = dataset.Recipe(most_per_class=40, with_surroundings=True)
+    unseen = dataset.make_samples(["paper_room", "closed"], range(3000, 3002), how)
+    counts = confusion_matrix(unseen.labels, predict(load_descriptor(), unseen))
+    assert macro_f1(counts) > 0.75
+    scan = dataset.label_scene("closed", 3001, how, np.random.default_rng(0))[0]
+    odds = classify_voxels(scan.skipmap, scan.voxels, load_descriptor())
+    np.testing.assert_allclose(odds.sum(axis=1), 1, atol=1e-5)
+    assert (odds.argmax(axis=1) == scan.labels).mean() > 0.8
 
 
 def test_a_turn_about_the_normal_changes_nothing(patches: FloatArray) -> None:
@@ -125,14 +193,16 @@ def test_mutual_nearest_is_what_all_distances_say(sizes: tuple[int, int]) -> Non
     np.testing.assert_allclose(distance, every[rows_s, rows_t], atol=1e-5)
 
 
-def test_wrong_shape_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"\(K, 5, 50\), got \(3, 125\)"):
+def test_wrong_shape_is_refused(patches: FloatArray) -> None:
+    with pytest.raises(ValueError, match=r"\(K, 5, 100\), got \(3, 125\)"):
         load_descriptor()(np.zeros((3, 125), dtype=np.float32))
+    with pytest.raises(ValueError, match=r"\(40, 125\), got \(40, 124\)"):
+        load_descriptor().classify(np.zeros((40, 124), dtype=np.float32), patches)
 
 
 def test_files(tmp_path: Path, patches: FloatArray) -> None:
     path = tmp_path / "new" / "descriptor.npz"
-    with pytest.raises(FileNotFoundError, match="experiment=descriptor"):
+    with pytest.raises(FileNotFoundError, match="train.py writes one"):
         load_descriptor(path)
     shipped = load_descriptor()
     save_descriptor(shipped, path)
@@ -236,13 +306,12 @@ def assert_same_weights(first: Outcome, second: Outcome) -> None:
         np.testing.assert_array_equal(weight, again[name])
 
 
-def test_data_and_training_repeat_from_the_seed_and_learn(training: list[PatchPairs]) -> None:
+def test_data_and_training_repeat_from_the_seed_and_learn(lessons: Lessons) -> None:
     again = make_patch_pairs(["closed"], range(2), per_scans=100)
-    assert digest(training) == digest(again) != digest(training[:1])
+    assert digest(lessons.pairs) == digest(again) != digest(again[:1])
     losses: list[float] = []
     first, second = (
-        train_network(data, SMALL, SHORT, 3, watching(training, losses))
-        for data in (training, again)
+        train(data, watching(again, losses)) for data in (lessons, replace(lessons, pairs=again))
     )
     assert_same_weights(first, second)
     assert np.mean(losses[25:30]) < 0.8 * np.mean(losses[:5])
@@ -251,47 +320,65 @@ def test_data_and_training_repeat_from_the_seed_and_learn(training: list[PatchPa
 
 @pytest.mark.parametrize("killed_at", [7, 10, 25])
 def test_a_killed_training_resumed_gives_the_same_weights(
-    training: list[PatchPairs], tmp_path: Path, killed_at: int
+    lessons: Lessons, tmp_path: Path, killed_at: int
 ) -> None:
-    whole = train_network(training, SMALL, SHORT, 3, watching(training, []))
-    watch = watching(training, [])
+    watch, checkpoint = watching(list(lessons.pairs), []), tmp_path / "checkpoint.pt"
+    whole = train(lessons, watch)
 
     def kill(step: int, loss: float) -> None:
         if step == killed_at:
             raise KeyboardInterrupt
 
-    checkpoint = tmp_path / "checkpoint.pt"
     with pytest.raises(KeyboardInterrupt):
-        train_network(training, SMALL, SHORT, 3, replace(watch, on_step=kill), checkpoint)
+        train(lessons, replace(watch, on_step=kill), checkpoint=checkpoint)
     steps: list[float] = []
-    resumed = train_network(training, SMALL, SHORT, 3, watching(training, steps), checkpoint)
+    resumed = train(lessons, watching(list(lessons.pairs), steps), checkpoint=checkpoint)
     assert len(steps) == 30 - (killed_at - 1) // 10 * 10
     assert_same_weights(whole, resumed)
     assert (resumed.best_step, resumed.best_score) == (whole.best_step, whole.best_score)
     with pytest.raises(ValueError, match="another output_dir"):
-        train_network(training, SMALL, SHORT, 4, watch, checkpoint)
+        train(lessons, watch, seed=4, checkpoint=checkpoint)
 
 
-def test_training_stops_early_and_keeps_the_best(training: list[PatchPairs]) -> None:
+def test_training_stops_early_and_keeps_the_best(lessons: Lessons) -> None:
     scores = {10: 0.1, 20: 0.5, 30: 0.4, 40: 0.3, 50: 0.9}
-    patient = replace(SHORT, steps=50, patience=2)
+    long = replace(SHORT, steps=50)
     watch = Watch(lambda step, network: scores[step], lambda step, loss: None)
-    outcome = train_network(training, SMALL, patient, 3, watch)
+    outcome = train(lessons, watch, replace(long, patience=2))
     assert outcome.stop_reason == "no better score in 2 validations"
     assert (outcome.best_step, outcome.best_score) == (20, 0.5)
-    twenty = train_network(
-        training,
-        SMALL,
-        replace(SHORT, steps=50),
-        3,
-        Watch(lambda step, network: float(step == 20), lambda step, loss: None),
-    )
-    assert_same_weights(outcome, twenty)
+    at_twenty = Watch(lambda step, network: float(step == 20), lambda step, loss: None)
+    assert_same_weights(outcome, train(lessons, at_twenty, long))
 
 
-def test_too_few_scans_for_a_step() -> None:
+def test_what_a_training_cannot_use_is_refused(lessons: Lessons) -> None:
     with pytest.raises(ValueError, match="a step takes 1 pairs of scans"):
-        train_network([], SMALL, SHORT, 0, watching([], []))
+        train(replace(lessons, pairs=[]), watching([], []))
+    network = DescriptorNetwork(SMALL).double()
+    with pytest.raises(ValueError, match="all samples at once"):
+        train_network(lessons, network, ScaledConjugateGradient, SHORT, 0, watching([], []))
+
+
+def present(name: str) -> bool:
+    """Whether torch finds the device here."""
+    try:
+        find_device(name)
+    except ValueError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("name", ["cpu", "cuda", "mps"])
+def test_every_device_learns_the_same(lessons: Lessons, name: str) -> None:
+    watch = watching(list(lessons.pairs), [])
+    if not present(name):
+        with pytest.raises(ValueError, match=f"device={name}: torch .* expected cpu"):
+            train(lessons, watch, device=name)
+        return
+    short = replace(SHORT, steps=3)  # dropout differs between devices: leave no time to diverge
+    here, there = (train(lessons, watch, short, device=where) for where in ("cpu", name))
+    for key, weight in here.network.arrays().items():
+        np.testing.assert_allclose(there.network.arrays()[key], weight, atol=0.02)
 
 
 @pytest.mark.parametrize("family", ["terrain", "clutter"])
@@ -303,7 +390,7 @@ def test_scans_are_spoilt_as_the_recipe_says(family: str) -> None:
     assert whole.oriented and not np.allclose(whole.T_target_source, np.eye(4))
     assert torn.source.counts.sum() < 0.9 * whole.source.counts.sum()
     fused = simulate_two_scans(family, 3, replace(gentle, fused_share=1.0))
-    assert fused is not None and not fused.oriented
+    assert fused is not None and not fused.oriented and fused.source.viewpoint_m is None
 
 
 def test_scores_by_hand() -> None:
@@ -375,37 +462,42 @@ def test_training_data_come_from_no_file() -> None:
     assert not clouds, f"training opened {clouds}"
 
 
-def test_train_py_writes_a_descriptor_that_loads(tmp_path: Path) -> None:
+def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    options = ["families=[closed]", "training_pairs=2", "validation_pairs=1", "test_pairs=2"]
-    options += [
-        "patches_per_scans=100",
-        "patches_per_step=128",
-        "steps=20",
-        "workers=1",
-        "validate_every=10",
-    ]
+    counts = {"training_pairs": 2, "validation_pairs": 1, "test_pairs": 2, "patches_per_scans": 100}
+    counts |= {"patches_per_step": 128, "steps": 20, "workers": 1, "validate_every": 10}
+    options = [f"descriptor.{name}={count}" for name, count in counts.items()]
+    scenes = {"training_scenes": 1, "validation_scenes": 1, "test_scenes": 1, "most_per_class": 20}
+    options += [f"data.{name}={count}" for name, count in (scenes | {"workers": 1}).items()]
+    options += ["descriptor.families=[closed]", "data.families=[closed]", "epochs=1"]
     script = Path(__file__).parents[1] / "train.py"
     run = subprocess.run(
-        [sys.executable, str(script), "experiment=descriptor", f"output_dir={tmp_path}"]
-        + [f"descriptor.{option}" for option in options],
+        [sys.executable, str(script), "compare_alone=true", f"output_dir={tmp_path}", *options],
         capture_output=True,
         text=True,
     )
     assert run.returncode == 0, run.stderr
-    assert "| fpfh | all | 2 |" in run.stdout
+    assert "| fpfh | all | 2 |" in run.stdout and "| classes alone | all |" in run.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())
     card = load_descriptor(tmp_path / "descriptor.npz").card
     assert card["scores"]["learned"] == summary["unseen"]["learned"]["all"]
     assert card["scores"]["learned"]["pairs"] == 2
+    both, alone = (summary["classes"][name]["all"] for name in ("both heads", "classes alone"))
+    assert card["scores"]["classes"]["both heads"] == both
+    assert both["voxels"] == alone["voxels"] > 1000
     events = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
-    assert len(events.Scalars("inlier_ratio/validation")) == 2
-    assert len(events.Scalars("matched_pairs/validation")) == 2
+    for scalar in ("inlier_ratio", "matched_pairs", "macro_f1"):
+        assert len(events.Scalars(f"{scalar}/validation")) == 2, scalar
     assert list((tmp_path / "tensorboard").rglob("metadata.tsv"))
 
 
-def test_the_shipped_card_says_so() -> None:
+def test_the_shipped_card_says_where_the_weights_come_from() -> None:
     card = load_descriptor().card
     assert card["training_data"]["origin"].startswith("simulation only")
-    assert set(card["config"]["families"]) and card["scores"]["learned"]["pairs"] > 0
+    assert card["config"]["descriptor"]["families"] and card["config"]["data"]["families"]
+    assert card["scores"]["learned"]["pairs"] > 0
+    both, alone = (card["scores"]["classes"][name] for name in ("both heads", "classes alone"))
+    assert both["voxels"] == alone["voxels"]
+    assert both["macro_f1"] > alone["macro_f1"] - 0.005
+    assert SHIPPED_WEIGHTS.stat().st_size < 200_000

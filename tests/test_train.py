@@ -6,13 +6,19 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 import yaml
 
 from skipnet import command
 from skipnet.config import TrainConfig
 from train import CONFIG_DIR, main
 
-SMALL = ["data.training_scenes=2", "data.validation_scenes=1", "data.test_scenes=1"]
+SMALL = [
+    "experiment=classes",
+    "data.training_scenes=2",
+    "data.validation_scenes=1",
+    "data.test_scenes=1",
+]
 SMALL += ["data.families=[closed]", "data.workers=1", "data.most_per_class=25"]
 
 
@@ -76,7 +82,6 @@ def test_paper_experiment_is_table_1(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["adam", "adamw", "sgd", "rmsprop", "lbfgs", "scg"])
 def test_every_optimiser_config_makes_its_optimiser(name: str) -> None:
-    import torch
     from hydra import compose, initialize_config_dir
     from hydra.core.config_store import ConfigStore
     from hydra.utils import instantiate
@@ -91,6 +96,19 @@ def test_every_optimiser_config_makes_its_optimiser(name: str) -> None:
     assert name == "scg" or optimizer.param_groups[0]["lr"] == 0.02
 
 
+@pytest.mark.parametrize("group", ["sampling", "loss"])
+def test_every_choice_of_a_group_is_a_configuration(group: str) -> None:
+    from hydra import compose, initialize_config_dir
+    from hydra.core.config_store import ConfigStore
+
+    ConfigStore.instance().store(name="train_schema", node=TrainConfig)
+    choices = sorted(file.stem for file in (CONFIG_DIR / group).glob("*.yaml"))
+    with initialize_config_dir(str(CONFIG_DIR.resolve()), version_base="1.3"):
+        configs = [compose("train", [f"{group}={choice}"]) for choice in choices]
+        assert compose("train") in configs  # the default is one of them
+    assert len(choices) == 2 and configs[0] != configs[1]
+
+
 def test_a_sweep_writes_one_folder_per_run(tmp_path: Path) -> None:
     assert train("--multirun", *SMALL, "epochs=1", "seed=0,1", f"output_dir={tmp_path}") == 0
     seeds = [json.loads(p.read_text())["seed"] for p in sorted(tmp_path.glob("*/summary.json"))]
@@ -100,16 +118,20 @@ def test_a_sweep_writes_one_folder_per_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
+        ("device=cuda", "device=cuda: torch"),
         ("epoch=3", "did you mean epochs?"),
         ("epochs=0", "epochs=0: expected 1 or more"),
         ("data.families=[]", "at least one family"),
         ("data.families=[papre_room]", "paper_room"),
+        ("descriptor.families=[teraain]", "terrain"),
         ("data.training_scenes=2000", "1 to 1000"),
     ],
 )
 def test_bad_options_are_one_line_and_exit_code_2(
     override: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if override == "device=cuda" and torch.cuda.is_available():
+        pytest.skip("the device is there")
     assert train(override, "data.workers=1", f"output_dir={tmp_path}") == 2
     error = capsys.readouterr().err
     assert message in error

@@ -19,6 +19,7 @@ from skipnet.config.register import Generator, RegisterConfig, RegistrationConfi
 from skipnet.config.train import (
     Activation,
     DataConfig,
+    Device,
     InputScaling,
     LabelConfig,
     NetworkKind,
@@ -45,6 +46,7 @@ __all__ = [
     "check_viewpoint",
     "Activation",
     "DataConfig",
+    "Device",
     "InputScaling",
     "LabelConfig",
     "NetworkKind",

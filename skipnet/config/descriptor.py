@@ -1,4 +1,4 @@
-"""Options of ``train.py experiment=descriptor``."""
+"""Options of training both heads of the network."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class AugmentationConfig:
 
 @dataclass
 class DescriptorTrainConfig:
-    """What ``train.py experiment=descriptor`` learns from, and how."""
+    """What both heads learn from, beside the labelled patches, and how."""
 
     families: list[str] = field(
         default_factory=lambda: [
@@ -85,14 +85,16 @@ class DescriptorTrainConfig:
     """Pairs of scans with seeds from 20000, for the scores."""
     patches_per_scans: int = 600
     """Pairs of patches drawn from one pair of scans."""
-    steps: int = 3000
+    steps: int = 2500
     """Steps of the optimiser at most."""
     scans_per_step: int = 2
     """Pairs of scans whose patches meet in one step."""
     patches_per_step: int = 768
     """Pairs of patches of one step, from all its scans."""
-    learning_rate: float = 0.003
-    """Its maximum; it rises for a tenth of the steps, then falls to 0 along half a cosine."""
+    labelled_per_step: int = 1024
+    """Labelled patches of one step, for the classes."""
+    class_weight: float = 1.0
+    """Weight of the classes' loss beside the descriptor's."""
     loss: Loss = Loss.contrastive
     """contrastive, or hardest; loss=NAME takes configs/loss."""
     temperature: float = 0.07
@@ -117,11 +119,12 @@ class DescriptorTrainConfig:
             limit = 10_000
             require(0 < count <= limit, f"descriptor.{name}", count, f"1 to {limit}")
         counts = ("patches_per_scans", "steps", "scans_per_step", "validate_every", "workers")
-        for name in (*counts, "sector_units", "hidden_units", "output_units"):
+        units = ("sector_units", "hidden_units", "output_units")
+        for name in (*counts, *units, "labelled_per_step"):
             require(getattr(self, name) > 0, f"descriptor.{name}", getattr(self, name), "1 or more")
         per_step = self.patches_per_step
         least = 2 * self.scans_per_step
         require(per_step >= least, "descriptor.patches_per_step", per_step, f"{least} or more")
-        for name in ("learning_rate", "temperature"):
+        for name in ("class_weight", "temperature"):
             require(getattr(self, name) > 0, f"descriptor.{name}", getattr(self, name), "above 0")
         require(self.patience >= 0, "descriptor.patience", self.patience, "0 or more")

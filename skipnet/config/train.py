@@ -100,8 +100,18 @@ class DataConfig:
 class NetworkKind(Enum):
     """Which network ``train.py`` trains."""
 
-    classifier = "classifier"
-    descriptor = "descriptor"
+    two_heads = "two_heads"
+    """The one that ships: classes and descriptor."""
+    classes = "classes"
+    """For the classes alone, as the paper's."""
+
+
+class Device(Enum):
+    """Where networks are trained."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+    mps = "mps"
 
 
 @dataclass
@@ -110,13 +120,13 @@ class TrainConfig:
 
     experiment_name: str = "scenes"
     """Its name in reports."""
-    network: NetworkKind = NetworkKind.classifier
-    """classifier of feature voxels, or descriptor: of the options below, it takes only
-    ``descriptor``, ``seed``, ``ship`` and ``output_dir``."""
+    network: NetworkKind = NetworkKind.two_heads
+    """two_heads, or classes alone, as the paper's; hidden_sizes, activation, input_scaling and what
+    says when to stop belong to the latter, descriptor.* to the former."""
     descriptor: DescriptorTrainConfig = field(default_factory=DescriptorTrainConfig)
-    """How to train the descriptor."""
+    """How to train both heads."""
     data: DataConfig = field(default_factory=DataConfig)
-    """What to learn from."""
+    """What to learn the classes from."""
     hidden_sizes: list[int] = field(default_factory=lambda: [192, 96])
     """Units of each hidden layer; the paper's network is [50]."""
     activation: Activation = Activation.gelu
@@ -146,14 +156,19 @@ class TrainConfig:
     double_precision: bool = False
     """Train in float64; scaled conjugate gradient needs it. Weights are stored in float32."""
     ship: bool = False
-    """Put the weights and their card into the package too, as those that skipnet.register uses."""
+    """Put the weights and their card into the package too, as those that skipnet.register uses; of
+    two heads only."""
+    compare_alone: bool = False
+    """Train a network for the classes alone on the same samples, for the same tables."""
     compare_sklearn: bool = False
     """Train scikit-learn's classifiers on the same samples, for the same tables."""
     seed: int = 0
     """Of the weights' start, the order of the batches, the random split and the peers."""
+    device: Device = Device.cpu
+    """cpu, cuda or mps; the same seed gives the same bits on the cpu."""
     output_dir: str = "runs/train"
-    """Folder of the run, relative to where the user stands; a descriptor's that was interrupted
-    goes on where it was."""
+    """Folder of the run, relative to where the user stands; one that was interrupted goes on where
+    it was."""
 
     def __post_init__(self) -> None:
         sizes = self.hidden_sizes
@@ -167,3 +182,5 @@ class TrainConfig:
             require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
         require("_target_" in self.optimizer, "optimizer", self.optimizer, "a torch optimiser")
         require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
+        shippable = self.network is NetworkKind.two_heads
+        require(shippable or not self.ship, "ship", self.ship, "false, or network=two_heads")

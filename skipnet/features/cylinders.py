@@ -1,16 +1,20 @@
-"""Cylindrical patches: what lies around a voxel, at two scales, seen along its normal.
+"""Cylindrical patches: what lies around a voxel, at two scales, seen along its surface's axis.
 
-A cylinder about the voxel's normal is cut into 5 radii x 5 heights x 5 sectors = 125 cells; each
-holds the logarithm of the number of voxel centroids in it. The same cylinder is laid over two
-coarser levels of the Skip-map, so the larger reaches 20 voxels far at the price of the smaller. The
-frame's first tangent is arbitrary: turning it about the normal shifts the sectors cyclically, and
-whoever compares patches must not care (``learning.descriptor`` does not).
+A cylinder about the axis is cut into 5 radii x 5 heights x 5 sectors = 125 cells; each holds two
+logarithms: of the number of voxel centroids in it whose surface lies along the voxel's own, and of
+the number of those whose surface lies across it. The same cylinder is laid over two coarser levels
+of the Skip-map, so the larger reaches 20 voxels far at the price of the smaller. The frame's first
+tangent is arbitrary: turning it about the axis shifts the sectors cyclically, and whoever compares
+patches must not care (``learning.descriptor`` does not).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from skipnet.features.frames import FRAME_LEVEL, Level, level_of, outer_products, tangent_frames
 from skipnet.skipmap.cells import pack, unpack
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
@@ -20,16 +24,19 @@ LEVELS = (1, 2)
 REACH_VOXELS = 5.0
 """Radius and half-height of a cylinder, in voxels of its level."""
 RADII = HEIGHTS = SECTORS = 5
-SECTOR_SIZE = RADII * HEIGHTS * len(LEVELS)
+KINDS = 2
+"""Surfaces along the voxel's own, within 45 degrees, and across it."""
+SECTOR_SIZE = len(LEVELS) * KINDS * RADII * HEIGHTS
 """Numbers that one sector of a patch holds."""
 _SLICES = 10
 """Thinner sectors, counted first: a sector takes 3/4 of its own two, 1/4 of one on each side."""
-_BINS = _SLICES * RADII * HEIGHTS
-_OUTSIDE, _BINS_AND_OUTSIDE = 255, 256
+_BINS = _SLICES * KINDS * RADII * HEIGHTS
+_OUTSIDE, _BINS_AND_OUTSIDE = 511, 512
 _GRID = 60
 """Places per axis, across the cylinder, for which the bin is looked up: a sixth of a voxel each."""
+_PLACES = _GRID + 2
 _FAR_VOXELS = 1e4
-"""Where the rows that fill up a list lie: outside every cylinder."""
+"""Where the row that fills up a list lies: outside every cylinder."""
 _CHUNK = 256
 """Voxels described at a time: their pairs stay in the processor's cache."""
 
@@ -43,7 +50,7 @@ def choose_keypoints(skipmap: SkipMap, count: int) -> IntArray:
 
 
 def cylinder_patches(skipmap: SkipMap, rows: IntArray) -> FloatArray:
-    """Describe voxels by the surfaces around them, in the frame of their normal.
+    """Describe voxels by the surfaces around them, in the frame of their own.
 
     Args:
         skipmap: the scan's Skip-map; without a viewpoint the sign of a normal is arbitrary, and so
@@ -51,62 +58,65 @@ def cylinder_patches(skipmap: SkipMap, rows: IntArray) -> FloatArray:
         rows: (K,) voxels to describe.
 
     Returns:
-        (K, 5, 50) float32: per sector and scale the logarithm of 1 + the centroids in each of
-        5 radii x 5 heights.
+        (K, 5, 100) float32: per sector, scale and kind of surface the logarithm of 1 + the
+        centroids in each of 5 radii x 5 heights.
     """
-    frames = tangent_frames(skipmap, rows)
-    scales = [_one_scale(skipmap, rows, frames, level) for level in LEVELS]
+    if len(rows) == 0:
+        return np.zeros((0, SECTORS, SECTOR_SIZE), dtype=np.float32)
+    levels = {level: level_of(skipmap, level) for level in LEVELS}
+    frames = tangent_frames(skipmap, rows, levels.get(FRAME_LEVEL))
+    scales = [_one_scale(skipmap, rows, frames, level) for level in levels.values()]
     return np.concatenate(scales, axis=2)
 
 
 def turned_over(patches: FloatArray) -> FloatArray:
-    """The (K, 5, 50) patches that the opposite normals would give: upside down and mirrored."""
-    cells = patches.reshape(-1, SECTORS, len(LEVELS), RADII, HEIGHTS)
-    return cells[:, ::-1, :, :, ::-1].reshape(patches.shape)
+    """The (K, 5, 100) patches that the opposite axes would give: upside down and mirrored."""
+    cells = patches.reshape(len(patches), SECTORS, -1, HEIGHTS)
+    return cells[:, ::-1, :, ::-1].reshape(patches.shape)
 
 
-def tangent_frames(skipmap: SkipMap, rows: IntArray) -> FloatArray:
-    """(K, 3, 3) right-handed frames in columns: the normal, two tangents of arbitrary azimuth."""
-    normals, tangents = skipmap.axes[rows, :, 0], skipmap.axes[rows, :, 2]
-    return np.stack([normals, tangents, np.cross(normals, tangents)], axis=2)
-
-
-def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: int) -> FloatArray:
-    """(K, 5, 25) one scale of the patches."""
-    size_m = skipmap.voxel_size_m * 2**level
-    centre_m = skipmap.centroids_m.mean(axis=0)  # float32 below is exact enough near it
-    around = ((_centroids_of_level(skipmap, level) - centre_m) / size_m).astype(np.float32)
-    middle = ((skipmap.centroids_m[rows] - centre_m) / size_m).astype(np.float32)
-    group, near, sizes = _neighbours(middle, around)
-    to_places = _affine_to_places(middle, frames.astype(np.float32))
-    counts = np.empty((len(rows), _BINS), dtype=np.float32)
-    by_size = np.argsort(sizes[group], kind="stable")
+def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: Level) -> FloatArray:
+    """(K, 5, 50) one scale of the patches."""
+    middle = level.places(skipmap.centroids_m[rows]).astype(np.float32)
+    around = _around(level)
+    near = _neighbours(middle, around[:-1, :3])
+    to_places = _to_places(middle, frames.astype(np.float32))
+    scale = np.empty((len(rows), SECTORS, _BINS // _SLICES), dtype=np.float32)
+    sizes = near.sizes[near.group].astype(np.uint16)  # short numbers are sorted by radix
+    by_size = np.argsort(sizes, kind="stable")
     for start in range(0, len(rows), _CHUNK):
         chunk = by_size[start : start + _CHUNK]
-        longest = sizes[group[chunk[-1]]]
-        counts[chunk] = _count(near[group[chunk], :longest], to_places[chunk])
-    return np.log1p(_SLICES_TO_SECTORS @ counts.reshape(-1, _SLICES, RADII * HEIGHTS))
+        listed = near.lists[near.group[chunk], : sizes[chunk[-1]]]
+        slices = _count(around.take(listed, axis=0), to_places[chunk])
+        scale[chunk] = np.log(1 + _SLICES_TO_SECTORS @ slices)
+    return scale
 
 
-def _centroids_of_level(skipmap: SkipMap, level: int) -> FloatArray:
-    """(W, 3) centroids of the voxels merged by 2^level along each axis, metres."""
-    _, merged = np.unique(pack(skipmap.cells >> level), return_inverse=True)
-    weighted_m = skipmap.centroids_m * skipmap.counts[:, None]
-    total_m = np.stack([np.bincount(merged, column) for column in weighted_m.T], axis=1)
-    return total_m / np.bincount(merged, skipmap.counts)[:, None]
+def _around(level: Level) -> FloatArray:
+    """(W + 1, 10) float32 centroids, 1, and the normals' alignment; the last row is far away."""
+    count = len(level.moments)
+    around = np.zeros((count + 1, 10), dtype=np.float32)
+    around[:count, :3] = level.moments.mean
+    around[count, :3] = _FAR_VOXELS
+    around[:, 3] = 1
+    around[:count, 4:] = level.alignment
+    return around
 
 
-def _neighbours(middle: FloatArray, around: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
-    """What may lie in the cylinders: voxels of one cell of the level share one list of points.
+@dataclass(frozen=True)
+class _Near:
+    """What may lie in the cylinders: voxels of one cell of the level share one list."""
 
-    Args:
-        middle: (K, 3) voxels to describe, in voxels of the level.
-        around: (W, 3) points to be counted.
+    group: IntArray
+    """(K,) each voxel's list."""
+    lists: IntArray
+    """(G, L) rows of what lies around, filled up with the one that is far away."""
+    sizes: IntArray
+    """(G,) rows that are not filled up."""
 
-    Returns:
-        (K,) each voxel's list, (G, L, 4) lists of homogeneous points, filled up with far ones, and
-        (G,) their lengths.
-    """
+
+def _neighbours(middle: FloatArray, around: FloatArray) -> _Near:
+    """The lists of (K, 3) voxels to describe among (W, 3) points, in voxels of the level."""
     from scipy.spatial import cKDTree
 
     cells = np.floor(middle).astype(np.int64)
@@ -117,24 +127,31 @@ def _neighbours(middle: FloatArray, around: FloatArray) -> tuple[IntArray, Float
         for points in (centres, around)
     ]
     reach = REACH_VOXELS + np.sqrt(3) / 2  # from a cell's centre to its corners
-    near = trees[0].sparse_distance_matrix(trees[1], reach, output_type="coo_matrix").tocsr()
+    near = trees[0].sparse_distance_matrix(trees[1], reach, output_type="coo_matrix")
+    near.has_canonical_format = True  # no pair comes twice, and their order does not matter
+    near = near.tocsr()
     sizes = np.diff(near.indptr)
-    place = np.arange(len(near.indices)) - np.repeat(near.indptr[:-1], sizes)
-    lists = np.full((len(keys), sizes.max(initial=0), 4), _FAR_VOXELS, dtype=np.float32)
-    lists[np.repeat(np.arange(len(keys)), sizes), place, :3] = around[near.indices]
-    lists[:, :, 3] = 1
-    return group, lists, sizes
+    lists = np.full((len(keys), sizes.max(initial=0)), len(around), dtype=np.int32)
+    lists[np.arange(lists.shape[1]) < sizes[:, None]] = near.indices
+    return _Near(group, lists, sizes)
 
 
-def _affine_to_places(middle: FloatArray, frames: FloatArray) -> FloatArray:
-    """(K, 4, 3) maps of homogeneous points to each voxel's grid of places, from 1 to 61 inside."""
+def _to_places(middle: FloatArray, frames: FloatArray) -> FloatArray:
+    """(K, 10, 4) maps of what lies around to each voxel's grid of places, and to its kind.
+
+    Inside the cylinder a place is 1 to 61 along each axis. The kind, 0 to a little less than 2, is
+    twice the squared cosine between the surface and the voxel's own.
+    """
     turned = frames * np.float32(_GRID / (2 * REACH_VOXELS))
-    shift = _GRID / 2 + 1 - np.matmul(middle[:, None], turned)
-    return np.concatenate([turned, shift], axis=1).astype(np.float32)
+    maps = np.zeros((len(middle), 10, 4), dtype=np.float32)
+    maps[:, :3, :3] = turned
+    maps[:, 3, :3] = _GRID / 2 + 1 - np.matmul(middle[:, None], turned)[:, 0]
+    maps[:, 4:, 3] = 1.9999 * outer_products(frames[:, :, 0])
+    return maps
 
 
 def _count(near: FloatArray, to_places: FloatArray) -> FloatArray:
-    """(C, 250) points per slice, radius and height, of (C, L, 4) points and (C, 4, 3) maps."""
+    """(C, 10, 50) centroids per slice, of (C, L, 10) what lies around and (C, 10, 4) maps."""
     places = near @ to_places
     np.clip(places, 0, _GRID + 1, out=places)
     np.floor(places, out=places)
@@ -142,11 +159,12 @@ def _count(near: FloatArray, to_places: FloatArray) -> FloatArray:
     bins = np.arange(len(near), dtype=np.int32)[:, None] * _BINS_AND_OUTSIDE
     bins = bins + _BIN_OF_PLACE.take(place)
     counts = np.bincount(bins.ravel(), minlength=len(near) * _BINS_AND_OUTSIDE)
-    return counts.reshape(-1, _BINS_AND_OUTSIDE)[:, :_BINS].astype(np.float32)
+    inside = counts.reshape(-1, _BINS_AND_OUTSIDE)[:, :_BINS]
+    return inside.reshape(len(near), _SLICES, -1).astype(np.float32)
 
 
 def _bin_of_place() -> IntArray:
-    """(62^3,) uint8: the slice, radius and height in which the middle of each place lies.
+    """(2 * 62^3,) uint16: slice, kind, radius and height where the middle of each place lies.
 
     Computing them anew for every pair, arctangent and root, would take most of the time. Outside
     the ball, and where the voxel itself lies, nothing is counted.
@@ -160,8 +178,9 @@ def _bin_of_place() -> IntArray:
     heights = ((height + REACH_VOXELS) * (HEIGHTS / (2 * REACH_VOXELS))).astype(np.int32)
     distance = np.hypot(radius, height)
     counted = (distance < REACH_VOXELS) & (distance > 2 * REACH_VOXELS / _GRID)
-    bins = (slices * RADII + radii) * HEIGHTS + heights
-    return np.where(counted, bins, _OUTSIDE).astype(np.uint8).ravel()
+    kinds = np.array([1, 0])[:, None, None, None]  # those along the voxel's own come first
+    bins = ((slices * KINDS + kinds) * RADII + radii) * HEIGHTS + heights
+    return np.where(counted, bins, _OUTSIDE).astype(np.uint16).ravel()
 
 
 def _slices_to_sectors() -> FloatArray:
@@ -173,4 +192,4 @@ def _slices_to_sectors() -> FloatArray:
 
 _BIN_OF_PLACE = _bin_of_place()
 _SLICES_TO_SECTORS = _slices_to_sectors()
-_STRIDES = np.array([(_GRID + 2) ** 2, _GRID + 2, 1], dtype=np.float32)
+_STRIDES = np.array([_PLACES**2, _PLACES, 1, _PLACES**3], dtype=np.float32)

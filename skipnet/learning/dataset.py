@@ -11,6 +11,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from skipnet.features.cylinders import SECTORS, cylinder_patches
 from skipnet.features.patches import build_patches, feature_voxels
 from skipnet.geometry import random_rotation
 from skipnet.learning.labels import LabelRule, label_positions, visible_surface
@@ -32,6 +33,8 @@ class Samples:
 
     patches: FloatArray
     """(N, 125) float32."""
+    surroundings: FloatArray
+    """(N, 5, 100) float16 from ``cylinder_patches``; (N, 5, 0) where the recipe asks for none."""
     labels: IntArray
     """(N,) int64 ``FeatureClass`` values."""
     weights: FloatArray
@@ -51,8 +54,9 @@ class Samples:
 
     def digest(self) -> str:
         """Hash of patches and labels: two data sets with the same digest are the same."""
-        sha = hashlib.sha256(np.ascontiguousarray(self.patches).tobytes())
-        sha.update(np.ascontiguousarray(self.labels).tobytes())
+        sha = hashlib.sha256()
+        for array in (self.patches, self.surroundings, self.labels):
+            sha.update(np.ascontiguousarray(array).tobytes())
         return sha.hexdigest()[:16]
 
 
@@ -67,6 +71,8 @@ class Recipe:
     """Whether the second cloud of a scene is turned at random; else both scanners stand upright."""
     most_per_class: int | None = None
     """Voxels kept of each class and scan, drawn at random; None keeps all."""
+    with_surroundings: bool = False
+    """Whether to cut out what lies 10 and 20 voxels around, too."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +171,13 @@ def _samples_of_scan(
 ) -> Samples:
     rows, weights = thin(scan.labels, recipe.most_per_class, rng)
     voxels = scan.voxels[rows]
+    if recipe.with_surroundings:
+        surroundings = cylinder_patches(scan.skipmap, voxels).astype(np.float16)
+    else:
+        surroundings = np.zeros((len(rows), SECTORS, 0), dtype=np.float16)
     return Samples(
         patches=build_patches(scan.skipmap, voxels, recipe.patch),
+        surroundings=surroundings,
         labels=scan.labels[rows],
         weights=weights,
         ranges_m=np.linalg.norm(scan.skipmap.centroids_m[voxels], axis=1),

@@ -1,7 +1,12 @@
-"""The learned descriptor: 32 numbers by which a voxel is recognised in another scan.
+"""The learned network: what a voxel is, and 32 numbers to recognise it by in another scan.
 
-The network is small enough for NumPy; torch is needed to train it (``descriptor_training``), not to
-use it, and importing torch alone would take longer than describing two scans.
+One network with two heads. What lies 10 and 20 voxels around a voxel, in cylinders about its
+surface's axis, gives hidden units; the descriptor reads these alone, the classes read these and the
+paper's 125 cells about the voxel itself, on which they live. Whoever only looks for
+correspondences never cuts out the latter.
+
+It is small enough for NumPy; torch is needed to train it (``descriptor_training``), not to use it,
+and importing torch alone would take longer than describing two scans.
 """
 
 from __future__ import annotations
@@ -9,6 +14,7 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +28,7 @@ from skipnet.features.cylinders import (
     turned_over,
 )
 from skipnet.features.descriptors import mutual_nearest
+from skipnet.features.patches import PATCH_SIZE, build_patches
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -30,8 +37,23 @@ MAX_KEYPOINTS = 2000
 """Voxels described per scan: more find few further correspondences and cost as much again."""
 KEPT_SHARE = 0.6
 """Of these, the most matchable are matched: the others give far more wrong matches than right."""
-LAYERS = ("sector", "mixing", "output", "matchable")
+_CHUNK = 256
+"""Voxels that the network reads at a time: what it computes stays in the processor's cache."""
+LAYERS = ("sector", "mixing", "output", "matchable", "detail", "joint", "classes")
 """Names of the network's linear layers, in order; each stores NAME_weight and NAME_bias."""
+
+
+def cyclic_basis() -> FloatArray:
+    """(5, 5) real Fourier basis over the sectors in rows: mean, cosine and sine of 1, 2 turns."""
+    angle = 2 * np.pi / SECTORS * np.arange(SECTORS)
+    waves = [wave(turns * angle) for turns in (1, 2) for wave in (np.cos, np.sin)]
+    basis = np.stack([np.full(SECTORS, np.sqrt(0.5)), *waves]) * np.sqrt(2 / SECTORS)
+    return basis.astype(np.float32)
+
+
+_BASIS = cyclic_basis()
+MEAN_GAIN, PLANE_GAIN = np.sqrt(np.array([SECTORS, SECTORS / 2], dtype=np.float32))
+"""Lengths that make products of waves of unit length out of a cyclic correlation."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +72,8 @@ class Descriptor:
     def read(self, patches: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Descriptors of patches, and how likely each will be found again.
 
-        Every sector is summed up by itself; the five sums are read in each of their five cyclic
-        orders, and of every hidden unit the strongest response counts. So a turn about the normal
-        by whole sectors changes nothing.
-
         Args:
-            patches: (K, 5, 50) from ``cylinder_patches``.
+            patches: (K, 5, 100) from ``cylinder_patches``.
 
         Returns:
             (K, D) float32 of length 1; the nearer two are, the likelier they show the same place.
@@ -65,30 +83,83 @@ class Descriptor:
         Raises:
             ValueError: patches of another shape.
         """
-        if patches.ndim != 3 or patches.shape[1:] != (SECTORS, SECTOR_SIZE):
-            raise ValueError(f"patches must be (K, {SECTORS}, {SECTOR_SIZE}), got {patches.shape}")
         hidden = self._hidden(patches)
         described = self._layer("output", hidden)
         described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
         return described, self._layer("matchable", hidden)[:, 0]
 
+    def classify(self, details: FloatArray, patches: FloatArray) -> FloatArray:
+        """Probabilities of the five classes.
+
+        Args:
+            details: (K, 125) from ``build_patches``, of kind "surface_frame".
+            patches: (K, 5, 100) of the same voxels, from ``cylinder_patches``.
+
+        Returns:
+            (K, 5) float32, columns in the order of ``FeatureClass``; each row sums to 1.
+
+        Raises:
+            ValueError: patches of another shape.
+        """
+        if details.shape != (len(patches), PATCH_SIZE):
+            expected = (len(patches), PATCH_SIZE)
+            raise ValueError(f"details must be {expected}, got {details.shape}")
+        detail = _rectify(self._layer("detail", details))
+        joint = np.concatenate([detail, self._hidden(patches)], axis=1)
+        logits = self._layer("classes", _rectify(self._layer("joint", joint)))
+        odds = np.exp(logits - logits.max(axis=1, keepdims=True))
+        return odds / odds.sum(axis=1, keepdims=True)
+
     def _hidden(self, patches: FloatArray) -> FloatArray:
-        sectors = self._layer("sector", patches.reshape(-1, SECTOR_SIZE))
-        once = np.maximum(sectors, 0, out=sectors).reshape(len(patches), -1)
-        twice = np.concatenate([once, once], axis=1)  # every cyclic order is a window of this
-        units, size = once.shape[1] // SECTORS, once.shape[1]
+        """(K, H) what both heads read, a few voxels at a time."""
+        if patches.ndim != 3 or patches.shape[1:] != (SECTORS, SECTOR_SIZE):
+            raise ValueError(f"patches must be (K, {SECTORS}, {SECTOR_SIZE}), got {patches.shape}")
+        hidden = np.empty((len(patches), len(self.weights["mixing_bias"])), dtype=np.float32)
+        for start in range(0, len(patches), _CHUNK):
+            chunk = slice(start, start + _CHUNK)
+            hidden[chunk] = self._hidden_of_few(patches[chunk])
+        return hidden
+
+    def _hidden_of_few(self, patches: FloatArray) -> FloatArray:
+        """(K, H) what both heads read.
+
+        Every sector is summed up by itself; the five sums are read in each of their five cyclic
+        orders, and of every hidden unit the strongest response counts. So a turn about the axis
+        by whole sectors changes nothing. Over the Fourier basis a cyclic order is a turn of two
+        planes, and 9 products do instead of 25.
+        """
+        sums = _rectify(self._layer("sector", patches.swapaxes(0, 1)))
+        waves = (_BASIS @ sums.reshape(SECTORS, -1)).reshape(sums.shape)
+        mean, *planes = self._mixing_waves
+        units = mean.shape[1]
+        responses = np.empty((SECTORS, len(patches), units), dtype=np.float32)
+        np.matmul(waves[0], mean, out=responses[0])
+        for plane, weights in zip((1, 3), planes, strict=True):
+            both = np.concatenate([waves[plane], waves[plane + 1]], axis=1) @ weights
+            responses[plane], responses[plane + 1] = both[:, :units], both[:, units:]
+        orders = (_BASIS.T @ responses.reshape(SECTORS, -1)).reshape(responses.shape)
+        return _rectify(orders.max(axis=0) + self.weights["mixing_bias"])
+
+    @cached_property
+    def _mixing_waves(self) -> list[FloatArray]:
+        """The mixing layer over the Fourier basis: (U, H), and (2 U, 2 H) for 1 and 2 turns."""
         mixing = self.weights["mixing_weight"]
-        strongest = once @ mixing
-        for order in range(1, SECTORS):
-            response = twice[:, order * units : order * units + size] @ mixing
-            np.maximum(strongest, response, out=strongest)
-        strongest += self.weights["mixing_bias"]
-        return np.maximum(strongest, 0, out=strongest)
+        waves = (_BASIS @ mixing.reshape(SECTORS, -1)).reshape(SECTORS, -1, mixing.shape[1])
+        planes = [
+            np.block([[waves[k], waves[k + 1]], [waves[k + 1], -waves[k]]]) * PLANE_GAIN
+            for k in (1, 3)
+        ]
+        return [waves[0] * MEAN_GAIN, *planes]
 
     def _layer(self, name: str, values: FloatArray) -> FloatArray:
         result = values @ self.weights[f"{name}_weight"]
         result += self.weights[f"{name}_bias"]
         return result
+
+
+def _rectify(values: FloatArray) -> FloatArray:
+    """Zero in place of what is negative, in place."""
+    return np.maximum(values, 0, out=values)
 
 
 def describe_keypoints(
@@ -116,6 +187,11 @@ def describe_keypoints(
     described, matchable = descriptor.read(patches)
     kept = np.argsort(-matchable, kind="stable")[: int(np.ceil(KEPT_SHARE * len(rows)))]
     return rows[kept], described[kept]
+
+
+def classify_voxels(skipmap: SkipMap, rows: IntArray, descriptor: Descriptor) -> FloatArray:
+    """(K, 5) probabilities of the classes, in the order of ``FeatureClass``, of (K,) voxels."""
+    return descriptor.classify(build_patches(skipmap, rows), cylinder_patches(skipmap, rows))
 
 
 def correspond(
@@ -171,9 +247,7 @@ def load_descriptor(path: Path = SHIPPED_WEIGHTS) -> Descriptor:
     card_path = path.with_suffix(".json")
     for file in (path, card_path):
         if not file.is_file():
-            raise FileNotFoundError(
-                f"no descriptor file {file}; python train.py experiment=descriptor writes one"
-            )
+            raise FileNotFoundError(f"no file of the network {file}; python train.py writes one")
     with np.load(path, allow_pickle=False) as arrays:
         weights = {name: arrays[name].astype(np.float32) for name in arrays.files}
     expected = {f"{layer}_{kind}" for layer in LAYERS for kind in ("weight", "bias")}

@@ -1,4 +1,7 @@
-"""One descriptor: simulate, train, judge it beside FPFH on scenes it never saw, write it all."""
+"""Both heads: simulate, train, judge them on scenes they never saw, write it all.
+
+The descriptor is judged beside FPFH, the classes beside a network trained for them alone.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
 
 from skipnet.config import AugmentationConfig, DescriptorTrainConfig, TrainConfig
-from skipnet.features.cylinders import LEVELS, REACH_VOXELS
+from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
 from skipnet.learning import descriptor_scores as judging
 from skipnet.learning import reports
+from skipnet.learning.dataset import Samples, make_samples
 from skipnet.learning.descriptor import (
     KEPT_SHARE,
     MAX_KEYPOINTS,
@@ -29,11 +34,21 @@ from skipnet.learning.descriptor_pairs import (
     PatchPairs,
     Recipe,
     TwoScans,
-    digest,
     make_patch_pairs,
     make_scans,
 )
-from skipnet.learning.descriptor_training import Outcome, Schedule, Watch, train_network
+from skipnet.learning.descriptor_training import Lessons, Outcome, Schedule, Watch, train_network
+from skipnet.learning.devices import find_device
+from skipnet.learning.experiment import (
+    class_recipe,
+    class_seeds,
+    sample_weights,
+    train_classifier,
+)
+from skipnet.learning.network import Classifier, classify, round_to_half
+from skipnet.learning.scores import confusion_matrix, macro_f1, score, table_rows
+from skipnet.simulation.scenes import check_families
+from skipnet.types import IntArray
 from skipnet.viz import dashboard
 
 if TYPE_CHECKING:
@@ -47,7 +62,18 @@ _SHOWN_PLACES = 300
 """Places of one pair of scans whose descriptors TensorBoard's projector shows."""
 
 
-def train_descriptor(config: TrainConfig) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Sets:
+    """What the network learns from, is watched on, and is judged on."""
+
+    lessons: Lessons
+    validation: Sequence[TwoScans]
+    validation_classes: Samples
+    test: Sequence[TwoScans]
+    test_classes: Samples
+
+
+def train_both_heads(config: TrainConfig) -> dict[str, Any]:
     """Train and judge as configured; everything is written into ``config.output_dir``.
 
     A run that was interrupted goes on from the checkpoint in that folder.
@@ -58,23 +84,29 @@ def train_descriptor(config: TrainConfig) -> dict[str, Any]:
     Raises:
         ValueError: settings that do not fit each other, or the checkpoint of another run.
     """
-    folder, options = Path(config.output_dir), config.descriptor
+    device = find_device(config.device.value)
+    folder = Path(config.output_dir)
     folder.mkdir(parents=True, exist_ok=True)
     reports.write_config(config, folder / "config.yaml")
     start_s = time.perf_counter()
-    training, validation, test = make_sets(options)
+    sets = make_sets(config)
     seconds = {"data": time.perf_counter() - start_s}
     with dashboard.open_dashboard(folder / "tensorboard") as writer:
-        watch = Progress(writer, [judging.Keypoints.of(scans) for scans in validation]).watch()
-        outcome = train_network(training, *plan(options), config.seed, watch, folder / CHECKPOINT)
+        outcome = fit(config, sets, writer, device)
         seconds["training"] = time.perf_counter() - start_s - seconds["data"]
         path = folder / "descriptor.npz"
-        card = make_card(config, training, outcome)
+        card = make_card(config, sets.lessons, outcome)
         save_descriptor(Descriptor(outcome.network.arrays(), card), path)
         descriptor = load_descriptor(path)  # judged as it will be used: rounded
-        scores = judge_on_unseen(descriptor, test)
-        log_embeddings(writer, descriptor, training[:4])
-    card["scores"] = {name: groups["all"] for name, groups in scores.items()}
+        scores = judge_on_unseen(descriptor, sets.test)
+        classes = {"both heads": judge_classes(config, descriptor, sets.test_classes)}
+        if config.compare_alone:
+            classes["classes alone"] = classes_alone(config, sets)
+        log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
+    card["scores"] = {
+        **{name: groups["all"] for name, groups in scores.items()},
+        "classes": {name: groups["all"] for name, groups in classes.items()},
+    }
     for target in [path, SHIPPED_WEIGHTS] if config.ship else [path]:
         save_descriptor(Descriptor(descriptor.weights, card), target)
     summary = {
@@ -82,30 +114,46 @@ def train_descriptor(config: TrainConfig) -> dict[str, Any]:
         "seed": config.seed,
         "reached": reached(outcome),
         "unseen": scores,
+        "classes": classes,
         "seconds": seconds,
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-    (folder / "scores.md").write_text(markdown_table(scores))
+    tables = markdown_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
+    (folder / "scores.md").write_text(tables)
     return summary
 
 
-def make_sets(
-    options: DescriptorTrainConfig,
-) -> tuple[list[PatchPairs], list[TwoScans], list[TwoScans]]:
-    """Pairs of patches to train on, pairs of scans for validation and for the test."""
+def make_sets(config: TrainConfig) -> Sets:
+    """Simulate all scenes; those of the three sets never share a seed."""
+    options, data = config.descriptor, config.data
+    check_families([*options.families, *data.families])
 
     def seeds(name: str) -> range:
+        """Of the pairs of scans of one set."""
         count: int = getattr(options, f"{name}_pairs")
         return range(FIRST_SEED[name], FIRST_SEED[name] + count)
 
-    families, how, workers = options.families, recipe(options.augmentation), options.workers
-    training = make_patch_pairs(
-        families, seeds("training"), options.patches_per_scans, how, workers
+    def scans(name: str) -> list[TwoScans]:
+        """Pairs of scans of one set."""
+        return make_scans(options.families, seeds(name), how, options.workers)
+
+    def labelled(name: str) -> Samples:
+        """Labelled patches of one set, with what is around them."""
+        sampled = class_recipe(data, thinned=name != "test", with_surroundings=True)
+        return make_samples(data.families, class_seeds(data, name), sampled, data.workers)
+
+    how = recipe(options.augmentation)
+    pairs = make_patch_pairs(
+        options.families, seeds("training"), options.patches_per_scans, how, options.workers
     )
-    return (
-        training,
-        make_scans(families, seeds("validation"), how, workers),
-        make_scans(families, seeds("test"), how, workers),
+    classes = labelled("training")
+    weights = sample_weights(classes, config.frequency_strength)
+    return Sets(
+        Lessons(pairs, classes, weights),
+        scans("validation"),
+        labelled("validation"),
+        scans("test"),
+        labelled("test"),
     )
 
 
@@ -115,20 +163,40 @@ def recipe(options: AugmentationConfig) -> Recipe:
     return Recipe(**{**values, "noise_voxels": tuple(options.noise_voxels)})
 
 
-def plan(options: DescriptorTrainConfig) -> tuple[Widths, Schedule]:
-    """The network and the steps that the options ask for."""
+def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device) -> Outcome:
+    """Train the network that the options ask for."""
+    from hydra.utils import instantiate
+
+    options = config.descriptor
+    torch.manual_seed(config.seed)
     widths = Widths(options.sector_units, options.hidden_units, options.output_units)
-    schedule = Schedule(
+    network = DescriptorNetwork(widths, config.dropout)
+    unseen = [judging.Keypoints.of(scans) for scans in sets.validation]
+    return train_network(
+        sets.lessons,
+        network,
+        instantiate(config.optimizer),
+        schedule(options),
+        config.seed,
+        Progress(writer, unseen, sets.validation_classes).watch(),
+        Path(config.output_dir) / CHECKPOINT,
+        device,
+    )
+
+
+def schedule(options: DescriptorTrainConfig) -> Schedule:
+    """The steps that the options ask for."""
+    return Schedule(
         steps=options.steps,
         scans_per_step=options.scans_per_step,
         pairs_per_scans=options.patches_per_step // options.scans_per_step,
-        learning_rate=options.learning_rate,
+        labelled=options.labelled_per_step,
+        class_weight=options.class_weight,
         temperature=options.temperature,
         loss=options.loss.value,
         validate_every=options.validate_every,
         patience=options.patience,
     )
-    return widths, schedule
 
 
 @dataclass(frozen=True)
@@ -137,6 +205,7 @@ class Progress:
 
     writer: SummaryWriter
     unseen: Sequence[judging.Keypoints]
+    classes: Samples
 
     def watch(self) -> Watch:
         """What ``train_network`` reports to."""
@@ -152,9 +221,11 @@ class Progress:
         descriptor = Descriptor(network.arrays(), {})
         ratios = np.array([keypoints.inlier_ratio(descriptor) for keypoints in self.unseen])
         matched = (ratios >= judging.ENOUGH_INLIERS).mean()
+        counts = confusion_matrix(self.classes.labels, predict(descriptor, self.classes))
         values = {
             "inlier_ratio/validation": float(ratios.mean()),
             "matched_pairs/validation": float(matched),
+            "macro_f1/validation": macro_f1(counts),
         }
         dashboard.log_scalars(self.writer, values, step)
         return float(ratios.mean())
@@ -179,6 +250,27 @@ def judge_on_unseen(
     }
 
 
+def predict(descriptor: Descriptor, samples: Samples) -> IntArray:
+    """(N,) the most probable class."""
+    surroundings = samples.surroundings.astype(np.float32)
+    return descriptor.classify(samples.patches, surroundings).argmax(axis=1)
+
+
+def judge_classes(
+    config: TrainConfig, descriptor: Descriptor, test: Samples
+) -> dict[str, dict[str, Any]]:
+    """Scores of the class head, in all, by range and by family."""
+    return score(test, predict(descriptor, test), config.data.families)
+
+
+def classes_alone(config: TrainConfig, sets: Sets) -> dict[str, dict[str, Any]]:
+    """The same scores of a network that learns the classes alone, from the same patches."""
+    network, _ = train_classifier(config, sets.lessons.labelled, sets.validation_classes)
+    alone = Classifier(round_to_half(network.float().eval()), {})
+    predicted = classify(alone, sets.test_classes.patches).argmax(axis=1)
+    return score(sets.test_classes, predicted, config.data.families)
+
+
 def log_embeddings(
     writer: SummaryWriter, descriptor: Descriptor, training: Sequence[PatchPairs]
 ) -> None:
@@ -194,22 +286,21 @@ def log_embeddings(
     )
 
 
-def make_card(
-    config: TrainConfig, training: Sequence[PatchPairs], outcome: Outcome
-) -> dict[str, Any]:
+def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[str, Any]:
     """What the weights are, without their scores."""
     return {
-        "patch": {"levels": list(LEVELS), "reach_voxels": REACH_VOXELS},
+        "patch": {"levels": list(LEVELS), "reach_voxels": REACH_VOXELS, "kinds": KINDS},
         "keypoints": {"described": MAX_KEYPOINTS, "kept_share": KEPT_SHARE},
         "seed": config.seed,
         "training_data": {
             "origin": "simulation only: no real scan took part",
-            "pairs_of_scans": len(training),
-            "pairs_of_patches": sum(len(pairs) for pairs in training),
-            "digest": digest(training),
+            "pairs_of_scans": len(lessons.pairs),
+            "pairs_of_patches": sum(len(pairs) for pairs in lessons.pairs),
+            "labelled_patches": len(lessons.labelled),
+            "digest": lessons.digest(),
         },
         "reached": reached(outcome),
-        "config": reports.plain(config)["descriptor"],
+        "config": reports.plain(config),
     }
 
 
@@ -227,8 +318,8 @@ def markdown_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
     head = "| descriptor | overlap | unseen pairs | inlier ratio | matched pairs | time (ms) |"
     lines = [head, "|---|---|---:|---:|---:|---:|"]
     for name, groups in scores.items():
-        for overlap, score in groups.items():
-            figures = f"{score['inlier_ratio']:.3f} | {score['matched_pairs']:.3f}"
-            cells = f"{score['pairs']} | {figures} | {1000 * score['seconds']:.0f}"
+        for overlap, figures_of in groups.items():
+            figures = f"{figures_of['inlier_ratio']:.3f} | {figures_of['matched_pairs']:.3f}"
+            cells = f"{figures_of['pairs']} | {figures} | {1000 * figures_of['seconds']:.0f}"
             lines.append(f"| {name} | {overlap} | {cells} |")
     return "\n".join(lines) + "\n"

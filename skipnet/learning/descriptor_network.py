@@ -1,4 +1,4 @@
-"""The descriptor's network in torch, and the losses that shape it."""
+"""The network in torch, and the losses that shape its descriptors."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy, normalize
 
 from skipnet.features.cylinders import SECTOR_SIZE, SECTORS
-from skipnet.learning.descriptor import LAYERS
-from skipnet.types import FloatArray
+from skipnet.features.patches import PATCH_SIZE
+from skipnet.learning.descriptor import LAYERS, MEAN_GAIN, PLANE_GAIN, cyclic_basis
+from skipnet.types import FeatureClass, FloatArray
 
 _MASKED = -1e4
 
@@ -25,6 +26,10 @@ class Widths:
     hidden: int = 128
     output: int = 32
     """Numbers of a descriptor."""
+    detail: int = 192
+    """What the 125 cells about the voxel are summed up in, for the classes alone."""
+    joint: int = 96
+    """What the classes read of both."""
 
 
 class DescriptorNetwork(nn.Module):
@@ -32,44 +37,83 @@ class DescriptorNetwork(nn.Module):
 
     Args:
         widths: units of its layers.
+        dropout: share of the class head's hidden units that training leaves out at random.
     """
 
     input_mean: torch.Tensor
     input_gain: torch.Tensor
+    detail_mean: torch.Tensor
+    detail_gain: torch.Tensor
+    basis: torch.Tensor
 
-    def __init__(self, widths: Widths) -> None:
+    def __init__(self, widths: Widths, dropout: float = 0.0) -> None:
         super().__init__()
         self.sector = nn.Linear(SECTOR_SIZE, widths.sector)
         self.mixing = nn.Linear(SECTORS * widths.sector, widths.hidden)
         self.output = nn.Linear(widths.hidden, widths.output)
         self.matchable = nn.Linear(widths.hidden, 1)
-        self.register_buffer("input_mean", torch.zeros(SECTOR_SIZE))
-        self.register_buffer("input_gain", torch.ones(SECTOR_SIZE))
+        self.detail = nn.Linear(PATCH_SIZE, widths.detail)
+        self.joint = nn.Linear(widths.detail + widths.hidden, widths.joint)
+        self.classes = nn.Linear(widths.joint, len(FeatureClass))
+        self.dropout = nn.Dropout(dropout)
+        for name, size in (("input", SECTOR_SIZE), ("detail", PATCH_SIZE)):
+            self.register_buffer(f"{name}_mean", torch.zeros(size))
+            self.register_buffer(f"{name}_gain", torch.ones(size))
+        self.register_buffer("basis", torch.from_numpy(cyclic_basis()), persistent=False)
 
-    def fit_scaling(self, patches: torch.Tensor) -> None:
-        """Bring each input to mean 0 and deviation 1 over (N, 5, 50) patches and all sectors."""
+    def fit_scaling(self, patches: torch.Tensor, details: torch.Tensor) -> None:
+        """Bring each input to mean 0 and deviation 1.
+
+        Args:
+            patches: (N, 5, 100), over which and over all sectors this shall hold.
+            details: (M, 125), of the same or other voxels.
+        """
         self.input_mean.copy_(patches.mean(dim=(0, 1)))
         self.input_gain.copy_(1 / (patches.std(dim=(0, 1)) + 1e-2))
+        self.detail_mean.copy_(details.mean(dim=0))
+        self.detail_gain.copy_(1 / (details.std(dim=0) + 1e-2))
 
-    def forward(self, patches: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(N, 5, 50) patches to (N, D) descriptors of length 1 and (N,) logits of matchability.
+    def forward(self, patches: torch.Tensor) -> torch.Tensor:
+        """(N, 5, 100) patches to the (N, H) hidden units that all heads read."""
+        scaled = ((patches - self.input_mean) * self.input_gain).transpose(0, 1)
+        sums = torch.relu(self.sector(scaled))
+        waves = (self.basis @ sums.flatten(1)).view_as(sums)
+        mixing = self.mixing.weight.unflatten(1, (SECTORS, -1)).permute(1, 2, 0)
+        mixing = (self.basis @ mixing.flatten(1)).view_as(mixing)
+        responses = [waves[0] @ mixing[0] * float(MEAN_GAIN)]
+        for k in (1, 3):
+            both = torch.cat([waves[k], waves[k + 1]], dim=1) * float(PLANE_GAIN)
+            responses.append(both @ torch.cat([mixing[k], mixing[k + 1]]))
+            responses.append(both @ torch.cat([mixing[k + 1], -mixing[k]]))
+        orders = (self.basis.T @ torch.stack(responses).flatten(1)).view(SECTORS, len(patches), -1)
+        return torch.relu(orders.amax(dim=0) + self.mixing.bias)
+
+    def describe(self, hidden: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(N, H) hidden units to (N, D) descriptors of length 1 and (N,) logits of matchability.
 
         The matchability takes the hidden units as they are: learning it does not change them.
         """
-        sectors = torch.relu(self.sector((patches - self.input_mean) * self.input_gain))
-        orders = [self.mixing(sectors.roll(turn, 1).flatten(1)) for turn in range(SECTORS)]
-        hidden = torch.relu(torch.stack(orders).amax(dim=0))
         return normalize(self.output(hidden), dim=1), self.matchable(hidden.detach())[:, 0]
+
+    def classify(self, details: torch.Tensor, hidden: torch.Tensor) -> torch.Tensor:
+        """(N, 125) details and (N, H) hidden units to (N, 5) logits of the classes."""
+        scaled = (details - self.detail_mean) * self.detail_gain
+        both = torch.cat([self.dropout(torch.relu(self.detail(scaled))), hidden], dim=1)
+        return self.classes(self.dropout(torch.relu(self.joint(both))))
 
     def arrays(self) -> dict[str, FloatArray]:
         """The weights as ``Descriptor`` takes them, the scaling of the inputs folded in."""
         weights: dict[str, FloatArray] = {}
         for name in LAYERS:
             layer: nn.Linear = getattr(self, name)
-            weights[f"{name}_weight"] = layer.weight.detach().numpy().T.copy()
-            weights[f"{name}_bias"] = layer.bias.detach().numpy().copy()
-        weights["sector_weight"] *= self.input_gain.numpy()[:, None]
-        weights["sector_bias"] -= self.input_mean.numpy() @ weights["sector_weight"]
+            weights[f"{name}_weight"] = layer.weight.detach().cpu().numpy().T.copy()
+            weights[f"{name}_bias"] = layer.bias.detach().cpu().numpy().copy()
+        for name, scaled in (("sector", "input"), ("detail", "detail")):
+            mean, gain = (
+                getattr(self, f"{scaled}_{what}").cpu().numpy() for what in ("mean", "gain")
+            )
+            weights[f"{name}_weight"] *= gain[:, None]
+            weights[f"{name}_bias"] -= mean @ weights[f"{name}_weight"]
         return weights
 
 
@@ -96,7 +140,7 @@ class Similarities:
             far: (N, N) bool, which places count as different; never a place and itself.
             temperature: cosine similarity that changes the odds e-fold.
         """
-        itself = torch.eye(len(source), dtype=torch.bool)
+        itself = torch.eye(len(source), dtype=torch.bool, device=source.device)
         return Similarities(
             (source @ target.T / temperature).masked_fill(~(far | itself), _MASKED),
             (source @ source.T / temperature).masked_fill(~far, _MASKED),
@@ -110,7 +154,7 @@ def contrastive_loss(alike: Similarities) -> torch.Tensor:
     Returns:
         Mean over both directions of -log of the share that the true partner has; 0 is perfect.
     """
-    truth = torch.arange(len(alike.across))
+    truth = torch.arange(len(alike.across), device=alike.across.device)
     forward = cross_entropy(torch.cat([alike.across, alike.within_s], dim=1), truth)
     backward = cross_entropy(torch.cat([alike.across.T, alike.within_t], dim=1), truth)
     return (forward + backward) / 2
@@ -137,7 +181,7 @@ def matchability_loss(
     logits_s: torch.Tensor, logits_t: torch.Tensor, alike: Similarities
 ) -> torch.Tensor:
     """Binary cross-entropy of (N,) logits of both scans: was the place found, both ways?"""
-    truth = torch.arange(len(alike.across))
+    truth = torch.arange(len(alike.across), device=alike.across.device)
     found = (alike.across.argmax(dim=1) == truth) & (alike.across.argmax(dim=0) == truth)
     logits = torch.cat([logits_s, logits_t])
     return binary_cross_entropy_with_logits(logits, found.repeat(2).to(logits.dtype))

@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from skipnet.features.cylinders import cylinder_patches, turned_over
+from skipnet.features.frames import tangent_frames
 from skipnet.geometry import invert, transform_points
 from skipnet.simulation.pairs import simulate_scans
 from skipnet.simulation.scanner import SimulatedScan
@@ -80,9 +81,9 @@ class PatchPairs:
     """K pairs of patches from one pair of scans; row k of every array shows the same place."""
 
     source: FloatArray
-    """(K, 5, 50) float16."""
+    """(K, 5, 100) float16."""
     target: FloatArray
-    """(K, 5, 50) float16."""
+    """(K, 5, 100) float16."""
     places: FloatArray
     """(K, 3) float32 where they are, in voxels: near ones are no examples of different places."""
 
@@ -174,7 +175,8 @@ def simulate_two_scans(family: str, seed: int, recipe: Recipe = Recipe()) -> Two
     voxel_size_m = usual_m * 2 ** rng.uniform(-recipe.voxel_octaves, recipe.voxel_octaves)
     noise_m = voxel_size_m * rng.choice(recipe.noise_voxels)
     spoilt_m = [_spoil(cloud_m, voxel_size_m, noise_m, recipe, rng) for cloud_m in clouds_m]
-    target, source = (build_skipmap(points_m, voxel_size_m, np.zeros(3)) for points_m in spoilt_m)
+    viewpoint_m = None if kind == "fused" else np.zeros(3)
+    target, source = (build_skipmap(cloud_m, voxel_size_m, viewpoint_m) for cloud_m in spoilt_m)
     return TwoScans(source, target, T_target_source, oriented=kind != "fused")
 
 
@@ -182,8 +184,8 @@ def true_correspondences(scans: TwoScans) -> tuple[IntArray, IntArray, FloatArra
     """Voxels of both scans that coincide under the truth.
 
     Returns:
-        (C,) rows of the source, (C,) rows of the target, and (C,) 1 where their normals agree,
-        -1 where they are opposed; that can only be where the scans are not oriented.
+        (C,) rows of the source, (C,) rows of the target, and (C,) 1 where their surfaces' axes
+        agree, -1 where they are opposed; that can only be where the scans are not oriented.
     """
     from scipy.spatial import cKDTree
 
@@ -193,8 +195,11 @@ def true_correspondences(scans: TwoScans) -> tuple[IntArray, IntArray, FloatArra
     distance_m, nearest = cKDTree(target.centroids_m).query(moved_m, distance_upper_bound=reach_m)
     rows_s = np.flatnonzero(np.isfinite(distance_m))
     rows_t = nearest[rows_s]
-    turned = source.normals[rows_s] @ scans.T_target_source[:3, :3].T
-    cosine = np.einsum("ci,ci->c", turned, target.normals[rows_t])
+    axes_s, axes_t = (
+        tangent_frames(skipmap, rows)[:, :, 0]
+        for skipmap, rows in ((source, rows_s), (target, rows_t))
+    )
+    cosine = np.einsum("ci,ci->c", axes_s @ scans.T_target_source[:3, :3].T, axes_t)
     agree = (cosine if scans.oriented else np.abs(cosine)) > SAME_PLACE_COSINE
     return rows_s[agree], rows_t[agree], np.sign(cosine[agree])
 

@@ -106,9 +106,9 @@ class Keypoints:
     """Patches of the keypoints of two scans, cut out once to be described again and again."""
 
     source: FloatArray
-    """(K, 5, 50)"""
+    """(K, 5, 100)"""
     target: FloatArray
-    """(L, 5, 50)"""
+    """(L, 5, 100)"""
     source_voxels: FloatArray
     """(K, 3) where the source's truly lie in the target's frame, in voxels."""
     target_voxels: FloatArray

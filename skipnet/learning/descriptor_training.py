@@ -1,4 +1,7 @@
-"""Train the descriptor: patches of one place shall be nearer than any of different places.
+"""Train both heads: patches of one place shall be nearer than others, and classes be told apart.
+
+Each step shows the network pairs of patches of the same places, and labelled patches of other
+scenes; what the two have in common is learned from both.
 
 Training can be interrupted: what it needs to go on is in one checkpoint, and a run that was stopped
 and resumed ends with the same weights, to the bit, as one that was not.
@@ -10,21 +13,24 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
+from torch.nn.functional import cross_entropy
 
-from skipnet.clouds.atomic import replacing
+from skipnet.learning.checkpoints import load_checkpoint, save_checkpoint
+from skipnet.learning.dataset import Samples
 from skipnet.learning.descriptor_network import (
     DescriptorNetwork,
     Similarities,
-    Widths,
     contrastive_loss,
     hardest_loss,
     matchability_loss,
 )
 from skipnet.learning.descriptor_pairs import PatchPairs, digest
+from skipnet.learning.devices import CPU
+from skipnet.learning.optimizers import ScaledConjugateGradient
+from skipnet.types import FloatArray
 
 FAR_VOXELS = 4.0
 """Places nearer than this to each other are neither the same nor different."""
@@ -43,16 +49,34 @@ class Schedule:
     """Pairs of scans whose patches meet in one step ..."""
     pairs_per_scans: int
     """... and pairs of patches from each of them."""
-    learning_rate: float
-    """Its maximum; it rises over the first tenth and falls to 0 along half a cosine."""
     temperature: float
     """Cosine similarity that changes the odds e-fold."""
+    labelled: int = 1024
+    """Labelled patches of one step."""
+    class_weight: float = 1.0
+    """Of the classes' cross-entropy beside the descriptor's loss."""
     loss: str = "contrastive"
     """One of ``LOSSES``."""
     validate_every: int = 250
     """Steps from one validation, and checkpoint, to the next."""
     patience: int = 0
     """Validations without a better score after which training ends; 0 never ends it early."""
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """What the network learns from."""
+
+    pairs: Sequence[PatchPairs]
+    """Per pair of scans the pairs of patches; at least as many as one step takes."""
+    labelled: Samples
+    """Patches with their classes, and with their surroundings."""
+    weights: FloatArray
+    """(N,) how much each labelled one counts; only ratios matter."""
+
+    def digest(self) -> str:
+        """Hash of all of it."""
+        return f"{digest(self.pairs)} {self.labelled.digest()}"
 
 
 @dataclass(frozen=True)
@@ -76,34 +100,40 @@ class Outcome:
 
 
 def train_network(
-    training: Sequence[PatchPairs],
-    widths: Widths,
+    lessons: Lessons,
+    network: DescriptorNetwork,
+    make_optimizer: Callable[..., torch.optim.Optimizer],
     schedule: Schedule,
     seed: int,
     watch: Watch,
     checkpoint: Path | None = None,
+    device: torch.device = CPU,
 ) -> Outcome:
-    """Fit a network to pairs of patches; the same arguments give the same weights.
+    """Fit a network; on the CPU the same arguments give the same weights.
 
     Args:
-        training: per pair of scans the pairs of patches; at least as many as one step takes.
-        widths: of the network.
+        lessons: what to learn from.
+        network: as it starts; the scaling of its inputs is taken from the lessons.
+        make_optimizer: called with the network's parameters. Its learning rate is the highest one:
+            it rises over the first tenth of the steps and falls to 0 along half a cosine.
         schedule: of the steps.
-        seed: of the network's start and of what each step draws.
+        seed: of what each step draws.
         watch: validates and logs.
         checkpoint: file to go on from where it exists, and to write at every validation; None
             keeps nothing.
+        device: where to compute.
 
     Raises:
-        ValueError: too few pairs of scans, or the checkpoint of another training.
+        ValueError: too few pairs of scans, an optimiser for whole sets, or the checkpoint of
+            another training.
     """
-    if len(training) < schedule.scans_per_step:
+    if len(lessons.pairs) < schedule.scans_per_step:
         raise ValueError(
-            f"a step takes {schedule.scans_per_step} pairs of scans, but only {len(training)} are "
-            "there; simulate more"
+            f"a step takes {schedule.scans_per_step} pairs of scans, but only "
+            f"{len(lessons.pairs)} are there; simulate more"
         )
     torch.set_num_threads(1)  # the order in which threads add up would show in the last bits
-    run = _Run(training, widths, schedule, seed)
+    run = _Run(lessons, network, make_optimizer, schedule, seed, device)
     if checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
     while run.stop_reason is None:
@@ -122,18 +152,26 @@ class _Run:
     """All that changes while a network learns."""
 
     def __init__(
-        self, training: Sequence[PatchPairs], widths: Widths, schedule: Schedule, seed: int
+        self,
+        lessons: Lessons,
+        network: DescriptorNetwork,
+        make_optimizer: Callable[..., torch.optim.Optimizer],
+        schedule: Schedule,
+        seed: int,
+        device: torch.device,
     ) -> None:
-        self.training, self.schedule = training, schedule
-        self.identity = f"{widths} {schedule} seed {seed} data {digest(training)}"
+        self.lessons, self.schedule, self.device = lessons, schedule, device
         torch.manual_seed(seed)
         self.rng = np.random.default_rng(seed)
-        self.network = DescriptorNetwork(widths)
-        some = [torch.from_numpy(pairs.source[:100]).float() for pairs in training]
-        self.network.fit_scaling(torch.cat(some))
-        self.optimizer = torch.optim.AdamW(
-            self.network.parameters(), schedule.learning_rate, weight_decay=1e-4
-        )
+        some = [torch.from_numpy(pairs.source[:100]).float() for pairs in lessons.pairs]
+        network.fit_scaling(torch.cat(some), torch.from_numpy(lessons.labelled.patches))
+        self.network = network.to(device).train()
+        self.optimizer = make_optimizer(network.parameters())
+        if isinstance(self.optimizer, ScaledConjugateGradient):
+            raise ValueError("scaled conjugate gradient needs all samples at once; choose another")
+        self.rates = [group["lr"] for group in self.optimizer.param_groups]
+        self.weights = lessons.weights / lessons.weights.mean()
+        self.identity = f"{network} {self.optimizer} {schedule} seed {seed} data {lessons.digest()}"
         self.step = self.best_step = self.fails = 0
         self.best_score = -math.inf
         self.best_weights: dict[str, torch.Tensor] = {}
@@ -149,20 +187,50 @@ class _Run:
 
     def advance(self) -> float:
         """Do one step; its loss."""
-        rate = self.schedule.learning_rate * _rate(self.step / self.schedule.steps)
-        for group in self.optimizer.param_groups:
-            group["lr"] = rate
-        source, target, far = draw_batch(self.training, self.schedule, self.rng)
-        described, logits = self.network(torch.cat([source, target]))
+        share = _rate(self.step / self.schedule.steps)
+        for group, rate in zip(self.optimizer.param_groups, self.rates, strict=True):
+            group["lr"] = rate * share
+        pairs = self._to_device(*draw_batch(self.lessons.pairs, self.schedule, self.rng))
+        labelled = self._to_device(*self._draw_labelled())
+
+        def closure() -> torch.Tensor:
+            """The loss of this step's batch and its gradient."""
+            self.optimizer.zero_grad()
+            loss = self._loss(pairs, labelled)
+            loss.backward()
+            return loss
+
+        loss = torch.as_tensor(self.optimizer.step(closure))  # type: ignore[arg-type]
+        self.step += 1
+        return loss.item()
+
+    def _loss(
+        self, pairs: Sequence[torch.Tensor], labelled: Sequence[torch.Tensor]
+    ) -> torch.Tensor:
+        """Of ``draw_batch``'s pairs and ``_draw_labelled``'s patches."""
+        source, target, far = pairs
+        details, surroundings, labels, weights = labelled
+        hidden = self.network(torch.cat([source, target, surroundings]))
+        described, logits = self.network.describe(hidden[: 2 * len(source)])
         described_s, described_t = described.chunk(2)
         logits_s, logits_t = logits.chunk(2)
         alike = Similarities.of(described_s, described_t, far, self.schedule.temperature)
-        loss = LOSSES[self.schedule.loss](alike)
-        self.optimizer.zero_grad()
-        (loss + matchability_loss(logits_s, logits_t, alike)).backward()
-        self.optimizer.step()
-        self.step += 1
-        return loss.item()
+        loss = LOSSES[self.schedule.loss](alike) + matchability_loss(logits_s, logits_t, alike)
+        classes = self.network.classify(details, hidden[2 * len(source) :])
+        wrong = (cross_entropy(classes, labels, reduction="none") * weights).mean()
+        return loss + self.schedule.class_weight * wrong
+
+    def _draw_labelled(self) -> list[torch.Tensor]:
+        """(L, 125) details, (L, 5, 100) surroundings, (L,) classes and (L,) weights."""
+        rows = self.rng.integers(len(self.lessons.labelled), size=self.schedule.labelled)
+        some = self.lessons.labelled[rows]
+        arrays = (some.patches, some.surroundings, some.labels, self.weights[rows])
+        return [
+            torch.from_numpy(a if a.dtype == np.int64 else a.astype(np.float32)) for a in arrays
+        ]
+
+    def _to_device(self, *tensors: torch.Tensor) -> list[torch.Tensor]:
+        return [tensor.to(self.device) for tensor in tensors]
 
     def judge(self, score: float) -> None:
         """Keep the weights when they are the best so far."""
@@ -174,31 +242,8 @@ class _Run:
             self.fails += 1
 
     def save(self, path: Path) -> None:
-        """Write all of it, whole or not at all."""
-        with replacing(path) as temporary:
-            torch.save(self._state(), temporary)
-
-    def load(self, path: Path) -> None:
-        """Go on from what ``save`` wrote.
-
-        Raises:
-            ValueError: it was written by another training.
-        """
-        state = torch.load(path, weights_only=True)
-        if state["identity"] != self.identity:
-            raise ValueError(
-                f"{path} belongs to a training with other options or data; "
-                "give another output_dir, or remove it to start anew"
-            )
-        self.network.load_state_dict(state["network"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.rng.bit_generator.state = state["rng"]
-        self.step, self.best_step, self.fails = state["step"], state["best_step"], state["fails"]
-        self.best_score, self.best_weights = state["best_score"], state["best_weights"]
-
-    def _state(self) -> dict[str, Any]:
-        return {
-            "identity": self.identity,
+        """Write all of it."""
+        state = {
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "rng": self.rng.bit_generator.state,
@@ -208,12 +253,26 @@ class _Run:
             "best_score": self.best_score,
             "best_weights": self.best_weights,
         }
+        save_checkpoint(path, self.identity, state)
+
+    def load(self, path: Path) -> None:
+        """Go on from what ``save`` wrote.
+
+        Raises:
+            ValueError: it was written by another training.
+        """
+        state = load_checkpoint(path, self.identity, self.device)
+        self.network.load_state_dict(state["network"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.rng.bit_generator.state = state["rng"]
+        self.step, self.best_step, self.fails = state["step"], state["best_step"], state["fails"]
+        self.best_score, self.best_weights = state["best_score"], state["best_weights"]
 
 
 def draw_batch(
     training: Sequence[PatchPairs], schedule: Schedule, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(N, 5, 50) patches of the source and of the target, and (N, N) which places are different."""
+    """(N, 5, 100) patches of source and target, and (N, N) which places are different."""
     chosen = rng.choice(len(training), schedule.scans_per_step, replace=False)
     source, target, places, owner = [], [], [], []
     for scans in chosen:

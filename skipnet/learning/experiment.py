@@ -1,4 +1,4 @@
-"""One experiment: make the data, train the network, judge it on unseen scenes, write it all."""
+"""The classes alone: make the data, train, judge on unseen scenes, write it all."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ import torch
 from skipnet.config import DataConfig, Split, TrainConfig
 from skipnet.learning import reports
 from skipnet.learning.dataset import Recipe, Samples, make_samples, thin
+from skipnet.learning.devices import find_device
 from skipnet.learning.labels import LabelRule
 from skipnet.learning.network import (
-    SHIPPED_WEIGHTS,
     Classifier,
     PatchNetwork,
     classify,
@@ -39,6 +39,7 @@ from skipnet.viz.dashboard import open_dashboard
 
 FIRST_SEED = {"training": 0, "validation": 1000, "test": 2000}
 """Scenes of the three sets never share a seed."""
+CHECKPOINT = "checkpoint.pt"
 RANDOM_SHARES = (0.70, 0.15, 0.15)
 """Training, validation and test of a random split (MATLAB's dividerand)."""
 
@@ -64,6 +65,7 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
     Raises:
         ValueError: settings that do not fit each other.
     """
+    find_device(config.device.value)
     folder = Path(config.output_dir)
     folder.mkdir(parents=True, exist_ok=True)
     reports.write_config(config, folder / "config.yaml")
@@ -71,7 +73,10 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
     sets = make_sets(config)
     seconds = {"data": time.perf_counter() - start_s}
     with open_dashboard(folder / "tensorboard") as writer:
-        network, outcome = fit(config, sets, partial(reports.log_epoch, writer, sets.validation))
+        on_epoch = partial(reports.log_epoch, writer, sets.validation)
+        network, outcome = train_classifier(
+            config, sets.training, sets.validation, on_epoch, folder / CHECKPOINT
+        )
         seconds["training"] = time.perf_counter() - start_s - seconds["data"]
         classifier = Classifier(
             round_to_half(network.float().eval()), make_card(config, sets, outcome)
@@ -84,14 +89,14 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
         counts = confusion_matrix(sets.unseen.labels, predicted)
         reports.write_results(folder, summary, scores, counts)
         reports.log_results(writer, config, summary, counts)
-        reports.log_skipmap(writer, recipe(config.data), classifier, config.data.families[0])
+        reports.log_skipmap(writer, class_recipe(config.data), classifier, config.data.families[0])
     save_classifier(classifier, folder / "classifier.pt")
-    if config.ship:
-        save_classifier(classifier, SHIPPED_WEIGHTS)
     return summary
 
 
-def recipe(data: DataConfig, thinned: bool = False) -> Recipe:
+def class_recipe(
+    data: DataConfig, thinned: bool = False, with_surroundings: bool = False
+) -> Recipe:
     """How scans become samples under this configuration."""
     label = data.label
     return Recipe(
@@ -100,24 +105,32 @@ def recipe(data: DataConfig, thinned: bool = False) -> Recipe:
         rule=LabelRule(label.radius_voxels, label.min_area_voxels2, label.min_beams),
         turn_second_scan=data.turn_second_scan,
         most_per_class=data.most_per_class if thinned else None,
+        with_surroundings=with_surroundings,
     )
+
+
+def class_seeds(data: DataConfig, name: str) -> range:
+    """Of the scenes of the training, validation or test set."""
+    count: int = getattr(data, f"{name}_scenes")
+    return range(FIRST_SEED[name], FIRST_SEED[name] + count)
 
 
 def make_sets(config: TrainConfig) -> Sets:
     """Simulate and label the scenes, and split them."""
     data = config.data
 
-    def scenes(name: str, count: int, thinned: bool) -> Samples:
-        seeds = range(FIRST_SEED[name], FIRST_SEED[name] + count)
-        return make_samples(data.families, seeds, recipe(data, thinned), data.workers)
+    def scenes(name: str, thinned: bool) -> Samples:
+        """The samples of one set."""
+        how = class_recipe(data, thinned)
+        return make_samples(data.families, class_seeds(data, name), how, data.workers)
 
-    training = scenes("training", data.training_scenes, thinned=True)
-    unseen = scenes("test", data.test_scenes, thinned=False)
+    training = scenes("training", thinned=True)
+    unseen = scenes("test", thinned=False)
     rng = np.random.default_rng(config.seed)
     if data.samples is not None:
         training = draw_evenly(training, data.samples, rng)
     if data.split is Split.by_scene:
-        validation = scenes("validation", data.validation_scenes, thinned=True)
+        validation = scenes("validation", thinned=True)
         return Sets(training, validation, unseen, held_out=None)
     parts = split_at_random(len(training), RANDOM_SHARES, rng)
     return Sets(training[parts[0]], training[parts[1]], unseen, training[parts[2]])
@@ -153,25 +166,29 @@ def sample_weights(samples: Samples, frequency_strength: float) -> FloatArray:
     return samples.weights**frequency_strength
 
 
-def fit(
-    config: TrainConfig, sets: Sets, on_epoch: Callable[[EpochRecord, PatchNetwork], None]
+def train_classifier(
+    config: TrainConfig,
+    training: Samples,
+    validation: Samples,
+    on_epoch: Callable[[EpochRecord, PatchNetwork], None] | None = None,
+    checkpoint: Path | None = None,
 ) -> tuple[PatchNetwork, TrainingOutcome]:
-    """Train a network on the sets."""
+    """Train a network for the classes alone."""
     from hydra.utils import instantiate
 
     torch.manual_seed(config.seed)
     network = PatchNetwork(config.hidden_sizes, config.activation.value, config.dropout)
     if config.double_precision:
         network.double()
-    training, validation = (
+    fitted, watched = (
         TrainingSet(part.patches, part.labels, sample_weights(part, config.frequency_strength))
-        for part in (sets.training, sets.validation)
+        for part in (training, validation)
     )
     with _one_thread():
         outcome = train_network(
             network,
-            training,
-            validation,
+            fitted,
+            watched,
             instantiate(config.optimizer),
             StoppingRules(config.epochs, config.goal, config.min_gradient, config.max_fail),
             batch_size=config.batch_size,
@@ -179,6 +196,8 @@ def fit(
             scaling=config.input_scaling.value,
             seed=config.seed,
             on_epoch=on_epoch,
+            checkpoint=checkpoint,
+            device=find_device(config.device.value),
         )
     return network, outcome
 

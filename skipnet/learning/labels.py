@@ -192,6 +192,7 @@ def _surfaces_around(
     owner = group // surfaces
 
     def total(values: FloatArray) -> FloatArray:
+        """(G,) sums of (P,) values over the pairs of each position and surface."""
         return np.bincount(row, weights=values, minlength=len(group)).astype(np.float64)
 
     weight = visible.areas_m2[sample]

@@ -1,4 +1,7 @@
-"""The classifier of feature voxels: a small perceptron, its weights and their card."""
+"""A classifier of feature voxels alone, such as the paper's 125-50-5: weights and their card.
+
+skipnet itself uses the class head of ``skipnet.learning.descriptor``; this one is its yardstick.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,6 @@ from skipnet.types import FeatureClass, FloatArray
 
 PATCH_SIZE = 125
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "gelu": nn.GELU}
-SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "classifier.pt"
 
 
 class PatchNetwork(nn.Module):
@@ -137,18 +139,19 @@ def save_classifier(classifier: Classifier, path: Path) -> None:
     path.with_suffix(".json").write_text(json.dumps(classifier.card, indent=2) + "\n")
 
 
-def load_classifier(path: Path | str | None = None) -> Classifier:
-    """Read weights and card; None reads the ones that ship with the package.
+def load_classifier(path: Path) -> Classifier:
+    """Read weights and card.
 
     Raises:
         FileNotFoundError: no weights or no card there.
         ValueError: the weights do not fit the network that the card describes.
     """
-    path = SHIPPED_WEIGHTS if path is None else Path(path)
     card_path = path.with_suffix(".json")
     for file in (path, card_path):
         if not file.is_file():
-            raise FileNotFoundError(f"no classifier file {file}; python train.py writes one")
+            raise FileNotFoundError(
+                f"no classifier file {file}; python train.py experiment=classes writes one"
+            )
     card = json.loads(card_path.read_text())
     network = PatchNetwork(card["hidden_sizes"], card["activation"])
     try:

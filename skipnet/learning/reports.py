@@ -48,9 +48,11 @@ def log_epoch(
     writer: SummaryWriter, validation: Samples, record: EpochRecord, network: PatchNetwork
 ) -> None:
     """Losses; on the validation set accuracy, F1, recalls and, now and then, the matrix."""
-    patches = torch.as_tensor(validation.patches, dtype=network.input_gain.dtype)
+    like = network.input_gain
+    patches = torch.as_tensor(validation.patches, dtype=like.dtype, device=like.device)
     with torch.no_grad():
-        counts = confusion_matrix(validation.labels, network(patches).argmax(dim=1).numpy())
+        predicted = network(patches).argmax(dim=1).cpu().numpy()
+    counts = confusion_matrix(validation.labels, predicted)
     recalls = np.diag(counts) / np.maximum(counts.sum(axis=1), 1)
     values = {
         "loss/training": record.training_loss,

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch.nn.functional import cross_entropy
 
+from skipnet.learning.checkpoints import load_checkpoint, save_checkpoint
+from skipnet.learning.devices import CPU
 from skipnet.learning.network import PatchNetwork
 from skipnet.learning.optimizers import ScaledConjugateGradient
 from skipnet.types import FloatArray, IntArray
@@ -68,6 +73,13 @@ class TrainingSet:
     weights: FloatArray | None = None
     """(N,) how much each sample's loss counts; only ratios matter. None counts all alike."""
 
+    def digest(self) -> str:
+        """Hash of it."""
+        sha = hashlib.sha256()
+        for values in (self.patches, self.labels, self.weights):
+            sha.update(b"none" if values is None else np.ascontiguousarray(values).tobytes())
+        return sha.hexdigest()[:16]
+
     def tensors(self, dtype: torch.dtype) -> Batch:
         """Patches, labels and weights of mean 1.
 
@@ -110,8 +122,10 @@ def train_network(
     scaling: str = "minmax",
     seed: int = 0,
     on_epoch: Callable[[EpochRecord, PatchNetwork], None] | None = None,
+    checkpoint: Path | None = None,
+    device: torch.device = CPU,
 ) -> TrainingOutcome:
-    """Fit ``network`` in place; it ends with the weights of the lowest validation loss.
+    """Fit ``network`` in place; it ends on the CPU, with the weights of the lowest validation loss.
 
     Args:
         network: its input scaling is taken from the training patches; its dtype is the precision.
@@ -124,39 +138,99 @@ def train_network(
         scaling: of the inputs, see ``PatchNetwork.fit_scaling``.
         seed: of the order of the mini-batches.
         on_epoch: called after every epoch with its record and the network as it then is.
+        checkpoint: file to go on from where it exists, and to write after every epoch; None keeps
+            nothing.
+        device: where to compute.
 
     Raises:
-        ValueError: mini-batches with scaled conjugate gradient, which needs one fixed function.
+        ValueError: mini-batches with scaled conjugate gradient, which needs one fixed function, or
+            the checkpoint of another training.
     """
     dtype = network.input_gain.dtype
     train_set, validation_set = training.tensors(dtype), validation.tensors(dtype)
     network.fit_scaling(train_set[0], scaling)
+    network.to(device)
+    train_set, validation_set = (_moved(part, device) for part in (train_set, validation_set))
     optimizer = make_optimizer(network.parameters())
     if batch_size is not None and isinstance(optimizer, ScaledConjugateGradient):
         raise ValueError("scaled conjugate gradient needs the full batch; set batch_size=null")
     schedule = _cosine_schedule(optimizer, rules.epochs if cosine_decay else None)
-    watch = _Watch(rules)
-    network.eval()
-    watch.see(network, _loss(network, train_set), _loss(network, validation_set), math.inf)
-    generator = torch.Generator().manual_seed(seed)
-    while watch.stop_reason is None:
-        loss = 0.0
-        network.train()
-        for batch in _batches(train_set, batch_size, generator):
-            share = len(batch[1]) / len(train_set[1])
-            loss += share * _step(network, optimizer, batch)
+    order = torch.Generator().manual_seed(seed)
+    run = _Run(network, optimizer, schedule, order, _Watch(rules))
+    identity = f"{network} {optimizer} {rules} {batch_size} {scaling} seed {seed} "
+    identity += f"data {training.digest()} {validation.digest()}"
+    if checkpoint is not None and checkpoint.exists():
+        run.load(load_checkpoint(checkpoint, identity, device))
+    else:
         network.eval()
-        schedule.step()
-        gradient = _gradient_norm(network, optimizer) if batch_size is None else math.inf
-        record = watch.see(network, loss, _loss(network, validation_set), gradient)
+        losses = _loss(network, train_set), _loss(network, validation_set)
+        run.watch.see(network, *losses, math.inf)
+    while run.watch.stop_reason is None:
+        record = run.advance(train_set, validation_set, batch_size)
         if on_epoch is not None:
             on_epoch(record, network)
-    network.load_state_dict(watch.best_state)
-    return TrainingOutcome(watch.stop_reason, watch.best_epoch, watch.history)
+        if checkpoint is not None:
+            save_checkpoint(checkpoint, identity, run.state())
+    network.load_state_dict(run.watch.best_state)
+    network.cpu()
+    return TrainingOutcome(run.watch.stop_reason, run.watch.best_epoch, run.watch.history)
+
+
+@dataclass
+class _Run:
+    """All that changes while a network learns."""
+
+    network: PatchNetwork
+    optimizer: torch.optim.Optimizer
+    schedule: torch.optim.lr_scheduler.LambdaLR
+    order: torch.Generator
+    watch: _Watch
+
+    def advance(self, training: Batch, validation: Batch, batch_size: int | None) -> EpochRecord:
+        """One pass over the training set."""
+        network, optimizer = self.network, self.optimizer
+        loss = 0.0
+        network.train()
+        for batch in _batches(training, batch_size, self.order):
+            share = len(batch[1]) / len(training[1])
+            loss += share * _step(network, optimizer, batch)
+        network.eval()
+        self.schedule.step()
+        gradient = _gradient_norm(network, optimizer) if batch_size is None else math.inf
+        return self.watch.see(network, loss, _loss(network, validation), gradient)
+
+    def state(self) -> dict[str, Any]:
+        """What ``load`` takes, in plain values and tensors."""
+        return {
+            "network": self.network.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "schedule": self.schedule.state_dict(),
+            "order": self.order.get_state(),
+            "history": [astuple(record) for record in self.watch.history],
+            "watch": {name: getattr(self.watch, name) for name in _Watch.KEPT},
+        }
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Go on from there."""
+        self.network.load_state_dict(state["network"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.schedule.load_state_dict(state["schedule"])
+        self.order.set_state(state["order"].cpu())
+        self.watch.history = [EpochRecord(*record) for record in state["history"]]
+        for name, value in state["watch"].items():
+            setattr(self.watch, name, value)
+
+
+def _moved(batch: Batch, device: torch.device) -> Batch:
+    patches, labels, weights = (values.to(device) for values in batch)
+    return patches, labels, weights
 
 
 class _Watch:
     """Keeps the history and the best weights, and knows when to stop."""
+
+    KEPT = ("best_epoch", "best_loss", "fails", "best_state", "stop_reason")
+    """What a checkpoint holds of it beside the history."""
 
     def __init__(self, rules: StoppingRules) -> None:
         self.rules = rules
@@ -197,12 +271,14 @@ def _batches(samples: Batch, size: int | None, generator: torch.Generator) -> It
     if size is None:
         yield samples
         return
-    for chosen in torch.randperm(len(samples[1]), generator=generator).split(size):
+    shuffled = torch.randperm(len(samples[1]), generator=generator).to(samples[1].device)
+    for chosen in shuffled.split(size):
         yield samples[0][chosen], samples[1][chosen], samples[2][chosen]
 
 
 def _step(network: PatchNetwork, optimizer: torch.optim.Optimizer, batch: Batch) -> float:
     def closure() -> torch.Tensor:
+        """The batch's loss and its gradient."""
         optimizer.zero_grad()
         loss = matlab_cross_entropy(network(batch[0]), batch[1], batch[2])
         loss.backward()
@@ -229,6 +305,7 @@ def _cosine_schedule(
     """A schedule to 0 over ``epochs``; None keeps the learning rate."""
 
     def factor(epoch: int) -> float:
+        """Share of the learning rate that is left."""
         return 1.0 if epochs is None else 0.5 * (1 + math.cos(math.pi * min(epoch / epochs, 1.0)))
 
     for group in optimizer.param_groups:  # SCG has no learning rate; a schedule wants the name

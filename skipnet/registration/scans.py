@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from skipnet.clouds.cleaning import validate
 from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
-from skipnet.features.patches import build_patches, feature_voxels
+from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import invert, principal_frame, transform_points
+from skipnet.learning.descriptor import classify_voxels, load_descriptor
 from skipnet.registration.sparse_refinement import thin
 from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
@@ -26,8 +27,6 @@ from skipnet.types import FeatureClass, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud
-
-    from skipnet.learning.network import Classifier
 
 MIN_RESOLVED = 0.75
 """Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
@@ -139,12 +138,8 @@ class Scan:
     @cached_property
     def features(self) -> FeatureVoxels:
         """The classified feature voxels; the network runs when they are first asked for."""
-        from skipnet.learning.network import classify
-
-        classifier = _shipped_classifier()
         rows = feature_voxels(self.skipmap)
-        patches = build_patches(self.skipmap, rows, classifier.card["patch"])
-        return FeatureVoxels(rows, classify(classifier, patches))
+        return FeatureVoxels(rows, classify_voxels(self.skipmap, rows, load_descriptor()))
 
     @cached_property
     def corners(self) -> Corners:
@@ -171,13 +166,6 @@ class Scan:
         weights = np.ones(len(self.skipmap))
         weights[self.features.rows[self.features.classes != FeatureClass.PLANE]] = weight
         return replace(self, evidence=self.evidence.weighing(weights))
-
-
-@cache
-def _shipped_classifier() -> Classifier:
-    from skipnet.learning.network import load_classifier
-
-    return load_classifier()
 
 
 def describe(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -69,14 +69,24 @@ class Scene:
         return Raycaster(self.vertices_m, self.triangles)
 
 
+def check_families(families: Iterable[str]) -> None:
+    """Refuse what is no family, before anything is simulated.
+
+    Raises:
+        ValueError: one is not among `FAMILIES`.
+    """
+    for family in families:
+        if family not in FAMILY_MAKERS:
+            raise ValueError(f"unknown scene family {family!r}{suggestion(family, FAMILIES)}")
+
+
 def make_scene(family: str, seed: int) -> Scene:
     """Draw the scene number ``seed`` of a family; the same arguments give the same bits.
 
     Raises:
         ValueError: the family is not one of `FAMILIES`, or the seed is negative.
     """
-    if family not in FAMILY_MAKERS:
-        raise ValueError(f"unknown scene family {family!r}{suggestion(family, FAMILIES)}")
+    check_families([family])
     if seed < 0:
         raise ValueError(f"seed is {seed}; expected an integer of 0 or more")
     draft = FAMILY_MAKERS[family](np.random.default_rng(seed))

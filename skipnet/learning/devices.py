@@ -1,0 +1,29 @@
+"""Where networks are trained and evaluated: the processor, or an accelerator that torch knows."""
+
+from __future__ import annotations
+
+import torch
+
+CPU = torch.device("cpu")
+
+
+def find_device(name: str) -> torch.device:
+    """The device of that name.
+
+    Args:
+        name: "cpu", "cuda" or "mps".
+
+    Raises:
+        ValueError: torch finds no such device here.
+    """
+    available = ["cpu"]
+    if torch.cuda.is_available():
+        available.append("cuda")
+    if torch.backends.mps.is_available():
+        available.append("mps")
+    if name not in available:
+        raise ValueError(
+            f"device={name}: torch {torch.__version__} finds no such device here; "
+            f"expected {' or '.join(available)}"
+        )
+    return torch.device(name)
