@@ -35,7 +35,6 @@ from skipnet.learning.descriptor import (
     load_descriptor,
     save_descriptor,
 )
-from skipnet.learning.descriptor_experiment import predict
 from skipnet.learning.descriptor_network import (
     DescriptorNetwork,
     Similarities,
@@ -53,6 +52,7 @@ from skipnet.learning.descriptor_pairs import (
     simulate_two_scans,
     true_correspondences,
 )
+from skipnet.learning.descriptor_reports import predict
 from skipnet.learning.descriptor_scores import (
     Keypoints,
     Match,

@@ -9,15 +9,14 @@ import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import torch
 
 from skipnet.config import AugmentationConfig, DescriptorTrainConfig, TrainConfig
 from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
+from skipnet.learning import descriptor_reports as reporting
 from skipnet.learning import descriptor_scores as judging
 from skipnet.learning import reports
 from skipnet.learning.dataset import Samples, make_samples
@@ -31,13 +30,12 @@ from skipnet.learning.descriptor import (
 )
 from skipnet.learning.descriptor_network import DescriptorNetwork, Widths
 from skipnet.learning.descriptor_pairs import (
-    PatchPairs,
     Recipe,
     TwoScans,
     make_patch_pairs,
     make_scans,
 )
-from skipnet.learning.descriptor_training import Lessons, Outcome, Schedule, Watch, train_network
+from skipnet.learning.descriptor_training import Lessons, Outcome, Schedule, train_network
 from skipnet.learning.devices import find_device
 from skipnet.learning.experiment import (
     class_recipe,
@@ -46,9 +44,8 @@ from skipnet.learning.experiment import (
     train_classifier,
 )
 from skipnet.learning.network import Classifier, classify, round_to_half
-from skipnet.learning.scores import confusion_matrix, macro_f1, score, table_rows
+from skipnet.learning.scores import score, table_rows
 from skipnet.simulation.scenes import check_families
-from skipnet.types import IntArray
 from skipnet.viz import dashboard
 
 if TYPE_CHECKING:
@@ -57,9 +54,6 @@ if TYPE_CHECKING:
 FIRST_SEED = {"training": 0, "validation": 10_000, "test": 20_000}
 """Scenes of the three sets never share a seed."""
 CHECKPOINT = "checkpoint.pt"
-_LOGGED_STEPS = 50
-_SHOWN_PLACES = 300
-"""Places of one pair of scans whose descriptors TensorBoard's projector shows."""
 
 
 @dataclass(frozen=True)
@@ -98,11 +92,11 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         card = make_card(config, sets.lessons, outcome)
         save_descriptor(Descriptor(outcome.network.arrays(), card), path)
         descriptor = load_descriptor(path)  # judged as it will be used: rounded
-        scores = judge_on_unseen(descriptor, sets.test)
+        scores = reporting.judge_on_unseen(descriptor, sets.test)
         classes = {"both heads": judge_classes(config, descriptor, sets.test_classes)}
         if config.compare_alone:
             classes["classes alone"] = classes_alone(config, sets)
-        log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
+        reporting.log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
     card["scores"] = {
         **{name: groups["all"] for name, groups in scores.items()},
         "classes": {name: groups["all"] for name, groups in classes.items()},
@@ -118,7 +112,7 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         "seconds": seconds,
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-    tables = markdown_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
+    tables = reporting.markdown_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
     (folder / "scores.md").write_text(tables)
     return summary
 
@@ -178,7 +172,7 @@ def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.de
         instantiate(config.optimizer),
         schedule(options),
         config.seed,
-        Progress(writer, unseen, sets.validation_classes).watch(),
+        reporting.Progress(writer, unseen, sets.validation_classes).watch(),
         Path(config.output_dir) / CHECKPOINT,
         device,
     )
@@ -199,68 +193,11 @@ def schedule(options: DescriptorTrainConfig) -> Schedule:
     )
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Shows in TensorBoard how training goes, and scores the network on unseen scans."""
-
-    writer: SummaryWriter
-    unseen: Sequence[judging.Keypoints]
-    classes: Samples
-
-    def watch(self) -> Watch:
-        """What ``train_network`` reports to."""
-        return Watch(score=self.score, on_step=self.log_loss)
-
-    def log_loss(self, step: int, loss: float) -> None:
-        """The loss, now and then."""
-        if step % _LOGGED_STEPS == 0:
-            dashboard.log_scalars(self.writer, {"loss/training": loss}, step)
-
-    def score(self, step: int, network: DescriptorNetwork) -> float:
-        """Mean inlier ratio on the unseen scans; also logged, with the share of matched pairs."""
-        descriptor = Descriptor(network.arrays(), {})
-        ratios = np.array([keypoints.inlier_ratio(descriptor) for keypoints in self.unseen])
-        matched = (ratios >= judging.ENOUGH_INLIERS).mean()
-        counts = confusion_matrix(self.classes.labels, predict(descriptor, self.classes))
-        values = {
-            "inlier_ratio/validation": float(ratios.mean()),
-            "matched_pairs/validation": float(matched),
-            "macro_f1/validation": macro_f1(counts),
-        }
-        dashboard.log_scalars(self.writer, values, step)
-        return float(ratios.mean())
-
-
-def judge_on_unseen(
-    descriptor: Descriptor, test: Sequence[TwoScans]
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Scores of this descriptor and of FPFH on the same keypoints, in all and by overlap."""
-    matches: dict[str, list[judging.Match]] = {"learned": [], "fpfh": []}
-    for scans in test:
-        keypoints = judging.keypoints_of(scans, descriptor)
-        learned = partial(judging.by_network, descriptor=descriptor)
-        matches["learned"].append(judging.match(scans, learned))
-        fpfh = partial(judging.by_fpfh, keypoints=keypoints)
-        if not matches["fpfh"]:
-            fpfh(scans)  # what it imports is no part of its time
-        matches["fpfh"].append(judging.match(scans, fpfh))
-    return {
-        name: {"all": judging.summarise(found), **judging.by_overlap(found)}
-        for name, found in matches.items()
-    }
-
-
-def predict(descriptor: Descriptor, samples: Samples) -> IntArray:
-    """(N,) the most probable class."""
-    surroundings = samples.surroundings.astype(np.float32)
-    return descriptor.classify(samples.patches, surroundings).argmax(axis=1)
-
-
 def judge_classes(
     config: TrainConfig, descriptor: Descriptor, test: Samples
 ) -> dict[str, dict[str, Any]]:
     """Scores of the class head, in all, by range and by family."""
-    return score(test, predict(descriptor, test), config.data.families)
+    return score(test, reporting.predict(descriptor, test), config.data.families)
 
 
 def classes_alone(config: TrainConfig, sets: Sets) -> dict[str, dict[str, Any]]:
@@ -269,21 +206,6 @@ def classes_alone(config: TrainConfig, sets: Sets) -> dict[str, dict[str, Any]]:
     alone = Classifier(round_to_half(network.float().eval()), {})
     predicted = classify(alone, sets.test_classes.patches).argmax(axis=1)
     return score(sets.test_classes, predicted, config.data.families)
-
-
-def log_embeddings(
-    writer: SummaryWriter, descriptor: Descriptor, training: Sequence[PatchPairs]
-) -> None:
-    """Descriptors for TensorBoard's projector: the two of one place shall lie side by side."""
-    rows, labels = [], []
-    for scene, pairs in enumerate(training):
-        for scan, patches in (("source", pairs.source), ("target", pairs.target)):
-            some = patches[:_SHOWN_PLACES].astype(np.float32)
-            rows.append(descriptor(some))
-            labels += [[f"{scene}", f"{place}", scan] for place in range(len(some))]
-    dashboard.log_embedding(
-        writer, "descriptors", np.concatenate(rows), labels, ["scene", "place", "scan"]
-    )
 
 
 def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[str, Any]:
@@ -311,15 +233,3 @@ def reached(outcome: Outcome) -> dict[str, Any]:
         "best_step": outcome.best_step,
         "validation_inlier_ratio": outcome.best_score,
     }
-
-
-def markdown_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
-    """One line per descriptor and range of overlap."""
-    head = "| descriptor | overlap | unseen pairs | inlier ratio | matched pairs | time (ms) |"
-    lines = [head, "|---|---|---:|---:|---:|---:|"]
-    for name, groups in scores.items():
-        for overlap, figures_of in groups.items():
-            figures = f"{figures_of['inlier_ratio']:.3f} | {figures_of['matched_pairs']:.3f}"
-            cells = f"{figures_of['pairs']} | {figures} | {1000 * figures_of['seconds']:.0f}"
-            lines.append(f"| {name} | {overlap} | {cells} |")
-    return "\n".join(lines) + "\n"

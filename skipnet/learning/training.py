@@ -1,4 +1,4 @@
-"""Train a network until one of MATLAB's stopping rules holds, and say which one it was."""
+"""Train a classifier until one of MATLAB's stopping rules holds, and say which one it was."""
 
 from __future__ import annotations
 
@@ -17,35 +17,12 @@ from skipnet.learning.checkpoints import load_checkpoint, save_checkpoint
 from skipnet.learning.devices import CPU
 from skipnet.learning.network import PatchNetwork
 from skipnet.learning.optimizers import ScaledConjugateGradient
+from skipnet.learning.stopping import EpochRecord, StoppingRules, Watch
 from skipnet.types import FloatArray, IntArray
 
 OptimizerFactory = Callable[..., torch.optim.Optimizer]
 Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 """(N, 125) patches, (N,) labels, (N,) weights of mean 1."""
-
-
-@dataclass(frozen=True)
-class StoppingRules:
-    """When training ends; the defaults are those of MATLAB's ``trainscg``."""
-
-    epochs: int = 1000
-    """Passes over the training set at most."""
-    goal: float = 0.0
-    """Training loss, as ``matlab_cross_entropy`` counts it, at which to stop."""
-    min_gradient: float = 1e-6
-    """Length of the full-batch gradient below which to stop; 0 never stops."""
-    max_fail: int = 6
-    """Epochs with a validation loss above the best one since that best one; 0 never stops."""
-
-
-@dataclass(frozen=True)
-class EpochRecord:
-    """Losses (``matlab_cross_entropy``) after one epoch; epoch 0 is before training."""
-
-    epoch: int
-    training_loss: float
-    validation_loss: float
-    gradient_norm: float
 
 
 @dataclass(frozen=True)
@@ -156,15 +133,13 @@ def train_network(
         raise ValueError("scaled conjugate gradient needs the full batch; set batch_size=null")
     schedule = _cosine_schedule(optimizer, rules.epochs if cosine_decay else None)
     order = torch.Generator().manual_seed(seed)
-    run = _Run(network, optimizer, schedule, order, _Watch(rules))
-    identity = f"{network} {optimizer} {rules} {batch_size} {scaling} seed {seed} "
-    identity += f"data {training.digest()} {validation.digest()}"
+    run = _Run(network, optimizer, schedule, order, Watch(rules))
+    options = f"{network} {optimizer} {rules} {batch_size} {scaling} seed {seed}"
+    identity = f"{options} data {training.digest()} {validation.digest()}"
     if checkpoint is not None and checkpoint.exists():
         run.load(load_checkpoint(checkpoint, identity, device))
     else:
-        network.eval()
-        losses = _loss(network, train_set), _loss(network, validation_set)
-        run.watch.see(network, *losses, math.inf)
+        run.start(train_set, validation_set)
     while run.watch.stop_reason is None:
         record = run.advance(train_set, validation_set, batch_size)
         if on_epoch is not None:
@@ -184,7 +159,12 @@ class _Run:
     optimizer: torch.optim.Optimizer
     schedule: torch.optim.lr_scheduler.LambdaLR
     order: torch.Generator
-    watch: _Watch
+    watch: Watch
+
+    def start(self, training: Batch, validation: Batch) -> None:
+        """Record how the network does before it has learned anything."""
+        network = self.network.eval()
+        self.watch.see(network, _loss(network, training), _loss(network, validation), math.inf)
 
     def advance(self, training: Batch, validation: Batch, batch_size: int | None) -> EpochRecord:
         """One pass over the training set."""
@@ -207,7 +187,7 @@ class _Run:
             "schedule": self.schedule.state_dict(),
             "order": self.order.get_state(),
             "history": [astuple(record) for record in self.watch.history],
-            "watch": {name: getattr(self.watch, name) for name in _Watch.KEPT},
+            "watch": {name: getattr(self.watch, name) for name in Watch.KEPT},
         }
 
     def load(self, state: dict[str, Any]) -> None:
@@ -224,47 +204,6 @@ class _Run:
 def _moved(batch: Batch, device: torch.device) -> Batch:
     patches, labels, weights = (values.to(device) for values in batch)
     return patches, labels, weights
-
-
-class _Watch:
-    """Keeps the history and the best weights, and knows when to stop."""
-
-    KEPT = ("best_epoch", "best_loss", "fails", "best_state", "stop_reason")
-    """What a checkpoint holds of it beside the history."""
-
-    def __init__(self, rules: StoppingRules) -> None:
-        self.rules = rules
-        self.history: list[EpochRecord] = []
-        self.best_epoch, self.best_loss, self.fails = 0, math.inf, 0
-        self.best_state: dict[str, torch.Tensor] = {}
-        self.stop_reason: str | None = None
-
-    def see(
-        self, network: PatchNetwork, training_loss: float, validation_loss: float, gradient: float
-    ) -> EpochRecord:
-        record = EpochRecord(len(self.history), training_loss, validation_loss, gradient)
-        self.history.append(record)
-        if validation_loss < self.best_loss:
-            self.best_epoch, self.best_loss, self.fails = record.epoch, validation_loss, 0
-            self.best_state = {name: value.clone() for name, value in network.state_dict().items()}
-        elif validation_loss > self.best_loss:
-            self.fails += 1
-        self.stop_reason = self._reason(record)
-        return record
-
-    def _reason(self, record: EpochRecord) -> str | None:
-        rules = self.rules
-        if not math.isfinite(record.training_loss):
-            return "the training loss is no longer finite"
-        if record.training_loss <= rules.goal:
-            return f"goal {rules.goal:g} reached"
-        if record.gradient_norm < rules.min_gradient:
-            return f"gradient below {rules.min_gradient:g}"
-        if rules.max_fail and self.fails >= rules.max_fail:
-            return f"validation loss above its best for {rules.max_fail} epochs"
-        if record.epoch >= rules.epochs:
-            return f"all {rules.epochs} epochs done"
-        return None
 
 
 def _batches(samples: Batch, size: int | None, generator: torch.Generator) -> Iterator[Batch]:
