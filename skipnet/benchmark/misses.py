@@ -25,6 +25,7 @@ from skipnet.config import EvaluateConfig, RegistrationConfig
 from skipnet.geometry import invert, transform_points
 from skipnet.learning.descriptor import correspond, load_descriptor
 from skipnet.learning.descriptor_scores import INLIER_VOXELS
+from skipnet.registration.closer_look import look_closer
 from skipnet.registration.refinement import refine
 from skipnet.registration.scans import Scan, describe
 from skipnet.registration.verification import FINE, Score, judge
@@ -128,22 +129,23 @@ def explain(pair: Pair, answer: Prediction) -> Miss:
     levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
     T_aligned = refine(T_reference[None], levels).T_target_source[0]
     inliers, correspondences = count_inliers(source, target, T_reference)
-    config = RegistrationConfig()
     return Miss(
         pair=pair,
         overlap=measured_overlap(pair, source.skipmap.voxel_size_m),
         answer=answer,
         inliers=inliers,
         correspondences=correspondences,
-        score=judge(
-            np.stack([T_aligned, T_answer]),
-            source.evidence,
-            target.evidence,
-            config.final_samples,
-            config.violation_weight,
-            FINE,
-        ),
+        score=judge_closely(np.stack([T_aligned, T_answer]), source, target),
     )
+
+
+def judge_closely(T_target_source: FloatArray, source: Scan, target: Scan) -> Score:
+    """What a registration's last judgement would say of (C, 4, 4) poses that come close."""
+    config = RegistrationConfig()
+    how = config.final_samples, config.violation_weight
+    score = judge(T_target_source, source.evidence, target.evidence, *how, FINE)
+    scans = (source.evidence, source.skipmap), (target.evidence, target.skipmap)
+    return look_closer(T_target_source, score, scans, *how)
 
 
 def count_inliers(source: Scan, target: Scan, T_target_source: FloatArray) -> tuple[int, int]:
