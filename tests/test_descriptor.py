@@ -481,6 +481,8 @@ def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
     assert "| fpfh | all | 2 |" in run.stdout and "| classes alone | all |" in run.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())
     card = load_descriptor(tmp_path / "descriptor.npz").card
+    assert set(card) == set(load_descriptor().card)
+    assert set(card["config"]) == set(load_descriptor().card["config"])
     assert card["scores"]["learned"] == summary["unseen"]["learned"]["all"]
     assert card["scores"]["learned"]["pairs"] == 2
     both, alone = (summary["classes"][name]["all"] for name in ("both heads", "classes alone"))
@@ -496,6 +498,7 @@ def test_the_shipped_card_says_where_the_weights_come_from() -> None:
     card = load_descriptor().card
     assert card["training_data"]["origin"].startswith("simulation only")
     assert card["config"]["descriptor"]["families"] and card["config"]["data"]["families"]
+    assert "output_dir" not in card["config"]
     assert card["scores"]["learned"]["pairs"] > 0
     both, alone = (card["scores"]["classes"][name] for name in ("both heads", "classes alone"))
     assert both["voxels"] == alone["voxels"]

@@ -222,7 +222,7 @@ def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[s
             "digest": lessons.digest(),
         },
         "reached": reached(outcome),
-        "config": reports.plain(config),
+        "config": reports.for_card(config),
     }
 
 

@@ -247,7 +247,7 @@ def make_card(config: TrainConfig, sets: Sets, outcome: TrainingOutcome) -> dict
         "training_data": {"samples": len(sets.training), "digest": sets.training.digest()},
         "test_data": {"samples": len(sets.unseen), "digest": sets.unseen.digest()},
         "stop_reason": outcome.stop_reason,
-        "config": reports.plain(config),
+        "config": reports.for_card(config),
     }
 
 

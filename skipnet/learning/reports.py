@@ -37,6 +37,11 @@ def plain(config: TrainConfig) -> dict[str, Any]:
     return dict(container)  # type: ignore[arg-type]
 
 
+def for_card(config: TrainConfig) -> dict[str, Any]:
+    """As ``plain``, without where the run was written: weights do not depend on it."""
+    return {name: value for name, value in plain(config).items() if name != "output_dir"}
+
+
 def write_config(config: TrainConfig, path: Path) -> None:
     """The whole configuration as YAML."""
     from omegaconf import OmegaConf
