@@ -54,10 +54,11 @@ def draw_growth(
             of_family = [row for row in rows if row["family"] == family]
             _draw_memory_limit(grid[1, column], of_family)
             grid[1, column].set(ylabel="peak memory beyond the scans (MB)")
-    for axes in grid.flat:
-        axes.set(xlabel="points per scan", xscale="log", yscale="log")
-        axes.grid(alpha=0.3)
-        axes.legend(frameon=False, fontsize="small")
+    for line, place in zip(grid, ("lower right", "upper left")[:lines], strict=True):
+        for axes in line:
+            axes.set(xlabel="points per scan", xscale="log", yscale="log")
+            axes.grid(alpha=0.3)
+            axes.legend(frameon=False, fontsize="small", loc=place)
     return figure
 
 
