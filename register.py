@@ -15,7 +15,14 @@ if TYPE_CHECKING:
 
 
 def main(config: RegisterConfig) -> Registration | MultiviewResult:
-    """Register what the options name, write the results and return them."""
+    """Register what the options name, write the results and return them.
+
+    Raises:
+        FileNotFoundError: an input is missing; said before anything slow is imported.
+    """
+    for path in config.inputs:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file")
     from skipnet.registration import files
 
     choices = files.Choices(
