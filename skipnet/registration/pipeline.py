@@ -17,12 +17,13 @@ from skipnet.registration.plane_hypotheses import from_planes, from_slides
 from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, checked, describe
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
+from skipnet.registration.verdict import Verdict
 from skipnet.registration.verification import shortlist
 from skipnet.skipmap.tree import Cloud, SkipTree, points_of
 from skipnet.types import Registration
 
 CLEAR_CONFIDENCE = 0.99
-"""With this much confidence no further generator is asked."""
+"""With this much confidence in a registered pose no further generator is asked."""
 
 
 def register(
@@ -107,6 +108,8 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
     if min(len(source.skipmap), len(target.skipmap)) == 0:
         return answer
     for generator in config.generators:
+        if is_enough(answer.verdict, generator):
+            break
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)
         with clock("verification"):
@@ -118,9 +121,13 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
             )
         with clock("fine alignment"):
             answer = settle(answer, fresh, source, target, config)
-        if answer.verdict.status == "registered" and answer.verdict.confidence >= CLEAR_CONFIDENCE:
-            break
     return answer
+
+
+def is_enough(verdict: Verdict, coming: Generator) -> bool:
+    """Whether the coming generator need not be asked; FPFH takes longer than all the others."""
+    enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
+    return verdict.status == "registered" and verdict.confidence >= enough
 
 
 def clean(cloud_m: Cloud, config: RegistrationConfig) -> Cloud:
