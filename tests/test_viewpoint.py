@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import transform_points
-from skipnet.registration.viewpoint import MAX_HIDDEN_SHARE, find_viewpoint, hidden_share
+from skipnet.registration.viewpoint import (
+    MAX_HIDDEN_SHARE,
+    MIN_FALLOFF,
+    density_falloff,
+    find_viewpoint,
+    hidden_share,
+)
+from skipnet.simulation.figures import turn_figure
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.simulation.scenes import FAMILIES
 from skipnet.skipmap.skipmap import build_skipmap
@@ -67,3 +74,26 @@ def test_the_sign_of_the_normals_does_not_matter():
             for seen_from in ([0.0, 0, 0], [0, 0, 99.0])
         ]
         assert shares[0] == shares[1]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_object_was_not_scanned_from_the_origin_inside_it(seed):
+    camera_m, _ = turn_figure(seed).clouds_m(0.0)
+    middle_m = camera_m.mean(axis=0) * (1 + 0.03 / np.linalg.norm(camera_m.mean(axis=0)))
+    skipmap = build_skipmap(camera_m.astype(float), 0.002)
+    np.testing.assert_array_equal(find_viewpoint(skipmap, ORIGIN_M), ORIGIN_M)
+    assert find_viewpoint(skipmap, middle_m) is None
+
+
+def test_density_falls_off_about_the_sensor_and_not_about_other_places():
+    # A wall at x = 3, seen in even steps of angle: a constant number of points per solid angle.
+    rng = np.random.default_rng(0)
+    ways = rng.normal(size=(400_000, 3))
+    ways = ways[ways[:, 0] > 0.4 * np.linalg.norm(ways, axis=1)]
+    wall_m = 3.03 * ways / ways[:, :1]
+    skipmap = build_skipmap(wall_m, 0.2)
+    assert density_falloff(skipmap, ORIGIN_M) > 0.9
+    assert density_falloff(skipmap, np.array([3.0, 9, 0])) < MIN_FALLOFF
+    # What is spread evenly over its surface says nothing.
+    even_m = rng.uniform([3.03, -6, -6], [3.03, 6, 6], size=(100_000, 3))
+    assert abs(density_falloff(build_skipmap(even_m, 0.2), ORIGIN_M)) < MIN_FALLOFF

@@ -11,12 +11,10 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 MAX_HIDDEN_SHARE = 0.05
 """Of scans from one place at most this share of voxels seems hidden (noise, porous trees: 4 % of an
 apartment); of fused and moving ones up to several times as much."""
-MIN_FALLOFF = 0.15
-"""Correlation of a scan's density with what its sensor's place predicts: 0.24 and more for raw
-scans of one sensor, below 0.12 for wrong places; thinned and fused scans have little of it left."""
-MIN_BEHIND_SHARE = 0.1
-"""Surfaces of which less would be hidden from behind may have been scanned from there. Of scanned
-rooms a fifth and more would be."""
+MIN_FALLOFF = 0.25
+"""Correlation of a scan's density with what its sensor's place predicts: about 0.5 before objects,
+0.3 and more for raw scans of any kind, at most 0.22 about places inside an object; thinned and
+fused scans have little of it left."""
 _BEHIND_EXTENTS = 3.0
 _FLAT_CURVATURE = 0.03
 _MIN_COSINE = 0.2
@@ -39,8 +37,8 @@ def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
         return None
     if density_falloff(skipmap, origin_m) >= MIN_FALLOFF:
         return origin_m
-    seen_from_behind = hidden_share(skipmap, _behind(skipmap, origin_m)) < MIN_BEHIND_SHARE
-    return None if seen_from_behind else origin_m
+    hidden_from_behind = hidden_share(skipmap, _behind(skipmap, origin_m))
+    return origin_m if hidden_from_behind > MAX_HIDDEN_SHARE else None
 
 
 def density_falloff(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
