@@ -22,7 +22,7 @@ from skipnet.registration.verification import shortlist
 from skipnet.skipmap.tree import Cloud, SkipTree, points_of
 from skipnet.types import Registration
 
-CLEAR_CONFIDENCE = 0.99
+CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
 
 
