@@ -13,9 +13,21 @@ _ROTATIONS_AT_ONCE = 128
 
 
 def plane_rotations(
-    source: Planes, target: Planes, max_rotations: int, max_angle_rad: float
+    source: Planes,
+    target: Planes,
+    max_rotations: int,
+    max_angle_rad: float,
+    min_share: float = 0.0,
 ) -> FloatArray:
-    """(R, 3, 3) distinct rotations that align many plane normals, best first."""
+    """(R, 3, 3) distinct rotations that align many plane normals, best first.
+
+    Args:
+        source: planes of the source.
+        target: planes of the target.
+        max_rotations: to keep.
+        max_angle_rad: largest disagreement of angles between planes.
+        min_share: drop those that align less than this share of the area that the best one does.
+    """
     i, j = oblique_pairs(source.normals, ordered=False)
     k, m = oblique_pairs(target.normals, ordered=True)
     angle_s = np.arccos(np.clip((source.normals[i] * source.normals[j]).sum(1), -1, 1))
@@ -36,7 +48,10 @@ def plane_rotations(
     support = np.concatenate(
         [_shared_area(chunk, source, target, 1.5 * max_angle_rad).sum((1, 2)) for chunk in chunks]
     )
-    rotations = _distinct_rotations(rotations, support, max_rotations, 1.5 * max_angle_rad)
+    aligned = support >= min_share * support.max()
+    rotations = _distinct_rotations(
+        rotations[aligned], support[aligned], max_rotations, 1.5 * max_angle_rad
+    )
     shared = _shared_area(rotations, source, target, 1.5 * max_angle_rad)
     return best_rotations(np.einsum("rst,ti,sj->rij", shared, target.normals, source.normals))
 
