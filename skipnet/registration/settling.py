@@ -94,6 +94,7 @@ def settle(
     if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_LEAD) * score.total[kept[0]]:
         score = bench.look_closer(T, score)
         kept = bench.distinct(T, score)
+    kept = firmest_first(kept, score, fine)
     if bench.is_sparse:
         fine = lay_on_planes(
             fine[kept[:1]],
@@ -121,6 +122,26 @@ def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinemen
         (source.fine_skipmap, target.fine_skipmap),
     ]
     return refine(T_target_source[None], levels)
+
+
+def firmest_first(kept: IntArray, score: Score, fine: Refinement) -> IntArray:
+    """Among poses that explain the data about equally well, the firmest held one comes first.
+
+    A plane on a plane may slide until much agrees; three planes that agree are no accident.
+
+    Args:
+        kept: (K,) rows of distinct poses, best first.
+        score: of all poses.
+        fine: their alignment.
+    """
+    near = kept[score.total[kept] >= (1 - AMBIGUOUS_LEAD) * score.total[kept[0]]]
+    held = [
+        holds_against(fine.information[row], fine.matched[row], fine.spread_m[row])[0][0]
+        * fine.matched[row]
+        for row in near
+    ]
+    first = near[int(np.argmax(held))]
+    return np.concatenate([[first], kept[kept != first]])
 
 
 class _Bench:
