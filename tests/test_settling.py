@@ -7,6 +7,7 @@ import pytest
 
 from skipnet.registration.refinement import Refinement
 from skipnet.registration.settling import firmest_first
+from skipnet.registration.verdict import Findings, decide
 from skipnet.registration.verification import Score
 
 
@@ -39,3 +40,22 @@ def test_of_equally_good_poses_the_firmest_held_one_comes_first(total, first):
     assert order[0] == first
     assert sorted(order) == sorted(kept)
     assert list(order[1:]) == [row for row in kept if row != first]
+
+
+@pytest.mark.parametrize(("held_voxels", "status"), [(0.05, "ambiguous"), (50.0, "registered")])
+def test_a_pose_that_next_to_nothing_holds_is_not_registered(held_voxels, status):
+    findings = Findings(
+        overlap=0.85,
+        violation=0.0,
+        margin=0.9,
+        matched=10_000,
+        held_voxels=held_voxels,
+        blind=0.0,
+        covariance=np.eye(6),
+        free_directions=np.zeros((0, 3)),
+        free_turns=np.zeros((0, 3)),
+        alternatives=np.zeros((0, 4, 4)),
+    )
+    verdict = decide(findings)
+    assert verdict.status == status
+    assert (verdict.confidence <= 0.5) == (status == "ambiguous")

@@ -21,7 +21,7 @@ def started_from(T_target_source):
         np.zeros((count, 6, 6)),
         np.zeros(count, dtype=np.int64),
         np.zeros((count, 3)),
-        np.ones(1),
+        np.zeros(count),
     )
 
 
@@ -58,6 +58,9 @@ def test_it_converges_to_the_truth_from_5_cm_and_half_a_degree(rings, clouds):
         rotation_rad, translation_m = pose_error(T, rings.T_target_source)
         assert np.rad2deg(rotation_rad) < 0.1 and translation_m < 0.02
     assert (fine.matched > 1000).all()
+    points_m = np.asarray(clouds[0][0].points())[:, :3]
+    from_centre_m = np.linalg.norm(points_m - points_m.mean(axis=0), axis=1)
+    np.testing.assert_allclose(fine.spread_m, np.sqrt((from_centre_m**2).mean()))
 
 
 def test_the_stated_rotation_covariance_covers_the_error(rings, clouds):

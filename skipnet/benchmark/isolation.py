@@ -51,6 +51,7 @@ class _Worker:
         self._pipe: Connection | None = None
 
     def answer(self, task: Task, limit_s: float | None) -> Estimate:
+        """What the child makes of a task; see ``isolated`` for what it may raise."""
         pipe = self._pipe or self._start()
         try:
             pipe.send(task)

@@ -115,8 +115,7 @@ def train_network(
         scaling: of the inputs, see ``PatchNetwork.fit_scaling``.
         seed: of the order of the mini-batches.
         on_epoch: called after every epoch with its record and the network as it then is.
-        checkpoint: file to go on from where it exists, and to write after every epoch; None keeps
-            nothing.
+        checkpoint: file to go on from, if it exists, and to write after every epoch; None for none.
         device: where to compute.
 
     Raises:

@@ -157,6 +157,7 @@ class _Surfaces:
 
     @staticmethod
     def of(skipmap: SkipMap, rows: IntArray | slice) -> _Surfaces:
+        """Some voxels of a Skip-map."""
         floor_m = MODEL_ERROR_VOXELS * skipmap.voxel_size_m
         return _Surfaces(
             np.ascontiguousarray(skipmap.centroids_m[rows].T),

@@ -52,7 +52,8 @@ def refine_sparse(
     """
     T, information = before.T_target_source.copy(), before.information.copy()
     matched, centre_m = before.matched.copy(), before.centre_m.copy()
-    centre_source_m = np.asarray(source[0].points())[:, :3].mean(axis=0)
+    spread_m, points_m = before.spread_m.copy(), np.asarray(source[0].points())[:, :3]
+    centre_source_m = points_m.mean(axis=0)
     for row, start in enumerate(before.T_target_source):
         found = _align(start, source, target, voxel_size_m)
         shift_m = (found.T_target_source - start)[:3] @ np.append(centre_source_m, 1)
@@ -61,10 +62,11 @@ def refine_sparse(
             continue
         T[row], matched[row] = found.T_target_source, found.num_inliers
         centre_m[row] = (T[row] @ np.append(centre_source_m, 1))[:3]
+        spread_m[row] = np.sqrt(points_m.var(axis=0).sum())
         # Mean squared Mahalanobis distance: the scale that the covariances leave open.
         scale = max(2 * found.error / found.num_inliers, 1e-12)
         information[row] = _in_target_axes(found.H, T[row], centre_source_m) / scale
-    return Refinement(T, information, matched, centre_m, before.spread_m)
+    return Refinement(T, information, matched, centre_m, spread_m)
 
 
 def _align(

@@ -61,6 +61,7 @@ def overlapping_pairs(count: int, seed: int = 0) -> PairSet:
     names = tuple(f"{kind.name}_{seed + index:04d}" for kind, index in plan)
 
     def load(position: int) -> Pair:
+        """The planned pair, its scene turned until the overlap is the goal."""
         kind, index = plan[position]
         # The kinds' goals interleave: together they fill the range evenly.
         share = (index + (KINDS.index(kind) + 0.5) / len(KINDS)) / count
