@@ -107,9 +107,25 @@ def test_neighbours_are_those_that_a_dict_finds(extent):
     cells = np.concatenate([cells, cells[:50] + [0, 0, 3 * extent]])
     offsets = np.array([[0, 0, 0], [1, 0, 0], [0, -1, 2], [-3, 0, 0]])
     row_of = {tuple(cell): row for row, cell in enumerate(cells)}
-    expected = [[row_of.get(tuple(cell + offset), -1) for offset in offsets] for cell in cells]
-    np.testing.assert_array_equal(neighbour_rows(pack(cells), offsets), expected)
-    assert neighbour_rows(np.zeros(0, dtype=np.int64), offsets).shape == (0, 4)
+    around = [[row_of.get(tuple(cell + offset), -1) for offset in offsets] for cell in cells]
+    expected = [[row for row in rows if row >= 0] for rows in around]
+    rows, ends = neighbour_rows(pack(cells), offsets)
+    np.testing.assert_array_equal(rows, np.concatenate(expected))
+    np.testing.assert_array_equal(np.diff(ends), [len(rows) for rows in expected])
+    assert ends[0] == 0
+    rows, ends = neighbour_rows(np.zeros(0, dtype=np.int64), offsets)
+    assert len(rows) == 0 and ends.tolist() == [0]
+
+
+def test_neighbours_of_many_cells_are_found_piece_by_piece():
+    cells = np.stack(np.meshgrid(*3 * [np.arange(20)], indexing="ij"), axis=-1).reshape(-1, 3)
+    rows, ends = neighbour_rows(pack(cells), np.array([[0, 0, 1], [-1, 0, 0]]))
+    assert len(cells) > 4096
+    above, behind = cells[:, 2] < 19, cells[:, 0] > 0
+    np.testing.assert_array_equal(np.diff(ends), above.astype(int) + behind)
+    owner = np.repeat(np.arange(len(cells)), np.diff(ends))
+    steps = cells[rows] - cells[owner]
+    assert set(map(tuple, steps)) == {(0, 0, 1), (-1, 0, 0)}
 
 
 @pytest.mark.parametrize("far_m", [1e9, -1e9, np.nan])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from skipnet.features.primitives import Planes
 from skipnet.registration.hypotheses import best_rotations, bisector_frames
 from skipnet.types import FloatArray, IntArray
 
-_ROTATIONS_AT_ONCE = 128
-"""So few that what is computed of them on the way stays in the processor's cache."""
+_AT_ONCE = 1 << 15
+"""Pairs of planes, over all rotations, looked at in one go: they stay in the processor's cache."""
 
 
 def plane_rotations(
@@ -43,17 +45,17 @@ def plane_rotations(
     frames_t = bisector_frames(target.normals[k[q]], target.normals[m[q]])
     frames_s = bisector_frames(source.normals[i[p]], source.normals[j[p]])
     rotations: FloatArray = frames_t @ frames_s.transpose(0, 2, 1)
-    starts = range(0, len(rotations), _ROTATIONS_AT_ONCE)
-    chunks = (rotations[start : start + _ROTATIONS_AT_ONCE] for start in starts)
+    pairs = _PlanePairs.of(source, target, np.cos(1.5 * max_angle_rad))
+    at_once = max(1, _AT_ONCE // (len(source) * len(target)))
+    starts = range(0, len(rotations), at_once)
     support = np.concatenate(
-        [_shared_area(chunk, source, target, 1.5 * max_angle_rad).sum((1, 2)) for chunk in chunks]
+        [pairs.shared_area(rotations[start : start + at_once]).sum(axis=1) for start in starts]
     )
     aligned = support >= min_share * support.max()
     rotations = _distinct_rotations(
         rotations[aligned], support[aligned], max_rotations, 1.5 * max_angle_rad
     )
-    shared = _shared_area(rotations, source, target, 1.5 * max_angle_rad)
-    return best_rotations(np.einsum("rst,ti,sj->rij", shared, target.normals, source.normals))
+    return best_rotations((pairs.shared_area(rotations) @ pairs.products.T).reshape(-1, 3, 3))
 
 
 def oblique_pairs(normals: FloatArray, ordered: bool) -> tuple[IntArray, IntArray]:
@@ -64,16 +66,35 @@ def oblique_pairs(normals: FloatArray, ordered: bool) -> tuple[IntArray, IntArra
     return first, second
 
 
-def _shared_area(
-    rotations: FloatArray, source: Planes, target: Planes, max_angle_rad: float
-) -> FloatArray:
-    """(R, S, T) area that each source plane shares with the target plane most parallel to it."""
-    turned = (rotations @ source.normals.T).transpose(0, 2, 1).reshape(-1, 3)
-    cosine = (turned @ target.normals.T).reshape(len(rotations), len(source), len(target))
-    area = np.minimum(source.weights[:, None], target.weights)
-    shared = np.multiply(cosine > np.cos(max_angle_rad), area)
-    shared *= shared == shared.max(axis=2, keepdims=True)
-    return shared
+@dataclass(frozen=True)
+class _PlanePairs:
+    """All pairs of a plane of the target, T of them, and one of the source, S."""
+
+    products: FloatArray
+    """(9, T * S) outer products of their normals: a rotation's 9 entries times these is how well it
+    aligns them."""
+    area: FloatArray
+    """(T, S) the smaller one's."""
+    min_cosine: float
+    """Of the angle between aligned planes."""
+
+    @staticmethod
+    def of(source: Planes, target: Planes, min_cosine: float) -> _PlanePairs:
+        """The pairs of two scans' planes."""
+        products = np.einsum("ti,sj->ijts", target.normals, source.normals)
+        area = np.minimum(target.weights[:, None], source.weights)
+        return _PlanePairs(products.reshape(9, -1), area, min_cosine)
+
+    def shared_area(self, rotations: FloatArray) -> FloatArray:
+        """(R, T * S) area that each source plane shares with the target plane most parallel to it.
+
+        Args:
+            rotations: (R, 3, 3).
+        """
+        cosine = (rotations.reshape(-1, 9) @ self.products).reshape(-1, *self.area.shape)
+        shared = np.multiply(cosine > self.min_cosine, self.area)
+        shared *= shared == shared.max(axis=1, keepdims=True)
+        return shared.reshape(len(rotations), -1)
 
 
 def _distinct_rotations(

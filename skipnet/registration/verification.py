@@ -8,7 +8,6 @@ apart.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -151,10 +150,9 @@ def judge(
             its overlap counts for 37 % (1 / e).
         strictness: what counts as agreement and as a contradiction.
     """
-    with ThreadPoolExecutor(2) as pool:
-        there = pool.submit(_one_way, T_target_source, source, target, samples, strictness)
-        back = pool.submit(_one_way, invert(T_target_source), target, source, samples, strictness)
-        overlap, violation = 0.5 * (there.result() + back.result())
+    there = _one_way(T_target_source, source, target, samples, strictness)
+    back = _one_way(invert(T_target_source), target, source, samples, strictness)
+    overlap, violation = 0.5 * (there + back)
     return Score(overlap * np.exp(-violation_weight * severity(violation)), overlap, violation)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ _LARGEST_TABLE = 1 << 24
 """Entries that a table over a box of cells may have where the other way is to sort the points."""
 _LARGEST_SMALL_TABLE = 1 << 22
 """Likewise, where the other way is a hash table over the voxels."""
+_CELLS_AT_ONCE = 1 << 12
+"""Cells whose neighbours are looked up in one go, in memory that is still at hand from the last."""
 _FIELDS = (1 << (2 * _BITS)) + (1 << _BITS) + 1
 """A one in each of a key's three fields."""
 _LOW_BITS = _FIELDS * (_MASK >> 1)
@@ -59,11 +62,13 @@ def pack(cells: IntArray) -> IntArray:
 def unpack(keys: IntArray) -> IntArray:
     """The (..., 3) int64 cells of packed keys; the inverse of ``pack``.
 
+    Axis by axis in memory: whatever is done to all cells is several times faster that way.
+
     >>> unpack(pack(np.array([[1, -2, 3]])))
     array([[ 1, -2,  3]])
     """
     axes = (keys >> (2 * _BITS), (keys >> _BITS) & _MASK, keys & _MASK)
-    return np.stack(axes, axis=-1) - _OFFSET
+    return np.moveaxis(np.stack(axes) - _OFFSET, 0, -1)
 
 
 def halve(keys: IntArray) -> IntArray:
@@ -168,27 +173,42 @@ def distinct_cells(cells: IntArray) -> IntArray:
     return box.cells(box.occupied(box.number(cells))).T
 
 
-def neighbour_rows(keys: IntArray, offsets: IntArray) -> IntArray:
-    """The neighbours of every cell among the same cells.
+def neighbour_rows(keys: IntArray, offsets: IntArray) -> tuple[IntArray, IntArray]:
+    """The neighbours of every cell among the same cells, as SciPy's compressed rows have them.
 
     Args:
         keys: (V,) distinct packed cells.
-        offsets: (K, 3) steps from a cell to its neighbours.
+        offsets: (K, 3) steps from a cell to its neighbours, 127 at most.
 
     Returns:
-        (V, K) int32 rows of ``keys``, -1 where there is no such cell.
+        (P,) int32 rows of ``keys``, of each cell the neighbours that exist in the offsets' order,
+        and (V + 1,) where those of each cell start and end.
     """
     if len(keys) == 0:
-        return np.zeros((0, len(offsets)), dtype=np.int32)
+        return np.zeros(0, dtype=np.int32), np.zeros(1, dtype=np.intp)
+    find = _neighbour_finder(keys, offsets)
+    found, counts = [], [np.zeros(1, dtype=np.int8)]
+    for start in range(0, len(keys), _CELLS_AT_ONCE):
+        near = find(slice(start, start + _CELLS_AT_ONCE))
+        there = near >= 0
+        found.append(near.ravel().take(np.flatnonzero(there)))
+        counts.append(np.einsum("vk->v", there.view(np.int8)))  # three times as fast as sum()
+    return np.concatenate(found), np.cumsum(np.concatenate(counts), dtype=np.intp)
+
+
+def _neighbour_finder(keys: IntArray, offsets: IntArray) -> Callable[[slice], IntArray]:
+    """What tells the (B, K) int32 rows of some cells' neighbours; -1 where there is none."""
     cells = unpack(keys).T.astype(np.int32)
     box = _Box.around(cells, np.abs(offsets).max(axis=0))
     if box.size > _LARGEST_SMALL_TABLE:
-        return CellIndex(keys).find(keys[:, None] + (pack(offsets) - pack(np.zeros(3, np.int64))))
-    number = box.number(cells)
+        index, shifts = CellIndex(keys), pack(offsets) - pack(np.zeros(3, np.int64))
+        return lambda rows: index.find(keys[rows, None] + shifts)
+    number = box.number(cells).astype(np.intp)
     row_of = np.full(box.size, -1, dtype=np.int32)
     row_of[number] = np.arange(len(keys), dtype=np.int32)
-    neighbours = number.astype(np.intp)[:, None] + offsets @ box.strides
-    return row_of.take(neighbours, mode="clip")  # the margin keeps all inside; clip checks nothing
+    steps = offsets @ box.strides
+    # The margin keeps all inside; clip checks nothing.
+    return lambda rows: row_of.take(number[rows, None] + steps, mode="clip")
 
 
 class CellIndex:

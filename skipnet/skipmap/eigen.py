@@ -100,12 +100,24 @@ def _across(matrix: FloatArray, alone: _Vector) -> tuple[FloatArray, FloatArray,
     image = _times(matrix, u)
     uu, uw, ww = _dot(u, image), _dot(w, image), _dot(w, _times(matrix, w))
     middle, half_gap = 0.5 * (uu + ww), 0.5 * (uu - ww)
-    reach = np.hypot(half_gap, uw)
-    turn = 0.5 * np.arctan2(uw, half_gap)
-    cosine, sine = np.cos(turn), np.sin(turn)
+    reach = np.sqrt(half_gap * half_gap + uw * uw)
+    cosine, sine = _half_turn(half_gap, uw, reach)
     large = tuple(cosine * u_i + sine * w_i for u_i, w_i in zip(u, w, strict=True))
     small = tuple(cosine * w_i - sine * u_i for u_i, w_i in zip(u, w, strict=True))
     return middle - reach, middle + reach, small, large  # type: ignore[return-value]
+
+
+def _half_turn(
+    cosine: FloatArray, sine: FloatArray, length: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Cosine and sine of half the angle of (V,) vectors; roots cost less than angles do."""
+    longer = length + np.abs(cosine)
+    norm = np.sqrt(2 * length * longer)
+    no_angle = norm == 0  # both eigenvalues are equal
+    norm[no_angle] = longer[no_angle] = 1.0
+    ahead = cosine >= 0
+    half_cosine = np.where(ahead, longer, np.abs(sine)) / norm
+    return half_cosine, np.where(ahead, sine, np.copysign(longer, sine)) / norm
 
 
 def _times(matrix: FloatArray, vector: _Vector) -> _Vector:

@@ -113,8 +113,9 @@ def skipmap_of_tree(
     around = _sum_neighbourhoods(tree)
     effective = np.flatnonzero(around.count >= min_points)
     eigenvalues_m2, axes = principal_axes(around[effective])
-    surface = eigenvalues_m2[:, 1] > MIN_WIDTH**2 * eigenvalues_m2[:, 2]
-    effective, eigenvalues_m2, axes = effective[surface], eigenvalues_m2[surface], axes[surface]
+    surface = np.flatnonzero(eigenvalues_m2[:, 1] > MIN_WIDTH**2 * eigenvalues_m2[:, 2])
+    effective = effective.take(surface)
+    eigenvalues_m2, axes = (part.take(surface, axis=0) for part in (eigenvalues_m2, axes))
     skipmap = SkipMap(
         voxel_size_m=tree.voxel_size_m,
         origin_m=tree.origin_m,
@@ -133,10 +134,7 @@ def _sum_neighbourhoods(tree: SkipTree) -> Moments:
     """Moments of every voxel's 3x3x3 neighbourhood, by addition."""
     from scipy.sparse import csr_array
 
-    near = neighbour_rows(tree.keys, _NEIGHBOURHOOD)
-    there = near >= 0
-    rows = near.ravel().take(np.flatnonzero(there))
-    ends = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+    rows, ends = neighbour_rows(tree.keys, _NEIGHBOURHOOD)
     adjacent = csr_array((np.ones(len(rows)), rows, ends), shape=(len(tree), len(tree)))
     sums = adjacent @ np.ascontiguousarray(tree.moments.sums.T)
     return Moments(np.ascontiguousarray(sums.T))
