@@ -12,6 +12,9 @@ _CHUNK = 1 << 14
 """Points handled at a time: enough to outweigh the calls, few enough for the cache, and for BLAS
 to keep to one thread: two on so small a product wait for each other longer than they compute."""
 
+_CROSS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
+"""What makes the matrix of the cross product with it out of a vector."""
+
 
 def make_transform(rotation: FloatArray, translation_m: FloatArray) -> FloatArray:
     """Stack a rotation and a translation into homogeneous form.
@@ -165,6 +168,6 @@ def rotation_from_vector(vector_rad: FloatArray) -> FloatArray:
     """
     vector_rad = np.asarray(vector_rad, dtype=np.float64)
     half_turns = np.linalg.norm(vector_rad, axis=-1)[..., None, None] / np.pi
-    cross = np.cross(np.eye(3), vector_rad[..., None, :])
+    cross = (vector_rad @ _CROSS).reshape(*vector_rad.shape, 3)
     bent = 0.5 * np.sinc(half_turns / 2) ** 2 * (cross @ cross)
     return np.eye(3) + np.sinc(half_turns) * cross + bent

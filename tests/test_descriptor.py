@@ -466,7 +466,7 @@ def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     counts = {"training_pairs": 2, "validation_pairs": 1, "test_pairs": 2, "patches_per_scans": 100}
-    counts |= {"patches_per_step": 128, "steps": 20, "workers": 1, "validate_every": 10}
+    counts |= {"patches_per_step": 128, "steps": 20, "validate_every": 10}
     options = [f"descriptor.{name}={count}" for name, count in counts.items()]
     scenes = {"training_scenes": 1, "validation_scenes": 1, "test_scenes": 1, "most_per_class": 20}
     options += [f"data.{name}={count}" for name, count in (scenes | {"workers": 1}).items()]

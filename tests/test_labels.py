@@ -171,7 +171,7 @@ def test_the_sensor_sees_only_what_faces_it_unhidden_and_in_its_field() -> None:
     # An oracle that knows nothing of our sampling: rays to the samples end there.
     origin_m = T_world_sensor[:3, 3]
     world_m = visible.points_m @ T_world_sensor[:3, :3].T + origin_m
-    hits = scene.raycaster().cast(origin_m, world_m - origin_m)
+    hits = scene.raycaster.cast(origin_m, world_m - origin_m)
     assert np.quantile(np.abs(hits.distances - 1), 0.99) < 2e-3
 
 

@@ -31,6 +31,7 @@ from skipnet.learning.training import (
     matlab_cross_entropy,
     train_network,
 )
+from skipnet.processes import mapping
 
 OPTIMIZERS = {
     "adam": (partial(torch.optim.Adam, lr=0.01), torch.float32),
@@ -351,7 +352,8 @@ def test_even_draws_are_even_or_refused() -> None:
 def test_data_do_not_depend_on_the_number_of_workers() -> None:
     recipe = Recipe(most_per_class=20)
     alone = make_samples(["closed", "paper_room"], [3, 4], recipe)
-    together = make_samples(["closed", "paper_room"], [3, 4], recipe, workers=2)
+    with mapping(2) as each:
+        together = make_samples(["closed", "paper_room"], [3, 4], recipe, each)
     assert alone.digest() == together.digest()
     np.testing.assert_array_equal(np.unique(alone.scenes), [3, 4])
     assert (np.bincount(alone.labels, minlength=5) > 0).sum() >= 4

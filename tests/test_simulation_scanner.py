@@ -67,7 +67,7 @@ def test_surfaces_show_their_free_side_to_the_sensor(family):
         scene = make_scene(family, seed)
         for pose in place_sensors(scene, 2, seed):
             directions = IDEAL.with_beams(30_000).directions()
-            hits = scene.raycaster().cast(pose[:3, 3], directions)
+            hits = scene.raycaster.cast(pose[:3, 3], directions)
             hit = np.isfinite(hits.distances)
             normals = scene.triangle_normals[hits.triangle[hit]]
             met += hit.sum()
@@ -85,7 +85,7 @@ def test_a_closed_room_returns_every_beam_and_windows_swallow_some():
     paper = make_scene("paper_room", 0)
     pose = place_sensors(paper, 1, 0)[0]
     directions = model.directions()
-    missed = ~np.isfinite(paper.raycaster().cast(pose[:3, 3], directions).distances)
+    missed = ~np.isfinite(paper.raycaster.cast(pose[:3, 3], directions).distances)
     # From the centre of a 10 x 10 x 3 m room every lost beam crosses y = -5 or 5 inside the wall.
     way = directions[missed] * (5 / np.abs(directions[missed][:, 1:2]))
     assert 0.005 < missed.mean() < 0.10

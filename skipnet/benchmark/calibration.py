@@ -12,9 +12,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -22,6 +20,7 @@ from skipnet.benchmark.datasets.overlapping import KINDS, Kind, goal_overlap, ma
 from skipnet.clouds.atomic import write_text
 from skipnet.config import RegistrationConfig
 from skipnet.geometry import pose_error
+from skipnet.processes import worker_pool
 from skipnet.registration.pipeline import register
 from skipnet.registration.scans import Viewpoint
 from skipnet.registration.verdict import CALIBRATION_FILE, FEATURES, MAX_VIOLATION, Findings
@@ -55,7 +54,7 @@ def run_trials(
 ) -> Iterator[Trial]:
     """Register simulated positives and negatives of so many scenes of each kind."""
     seeds = [FIRST_SEED + 2 * index for index in range(scenes)]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(workers) as pool:
         jobs = [
             pool.submit(trials_of_scene, family, scanner, seed, config)
             for seed in seeds

@@ -8,18 +8,17 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
 from skipnet.benchmark.methods import Estimate, Method, Task
+from skipnet.processes import THREAD_VARIABLES, environment
 
 PR_SET_PDEATHSIG = 1
 """Of Linux's prctl(2): the signal that a process gets when its parent ends."""
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def isolated(make: Callable[[], Method], limit_s: float | None = None, threads: int = 1) -> Method:
@@ -78,7 +77,7 @@ class _Worker:
         ours, theirs = context.Pipe()
         arguments = (self._make, theirs, self._threads)
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        with _environment(dict.fromkeys(THREAD_VARIABLES, str(self._threads))):
+        with environment(dict.fromkeys(THREAD_VARIABLES, str(self._threads))):
             self._process.start()
         theirs.close()
         self._pipe = ours
@@ -99,21 +98,6 @@ class _Worker:
         if self._pipe is not None:
             self._pipe.close()
         self._process = self._pipe = None
-
-
-@contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Set variables that a child reads as it starts."""
-    saved = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in saved.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _serve(make: Callable[[], Method], pipe: Connection, threads: int) -> None:

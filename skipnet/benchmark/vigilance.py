@@ -12,14 +12,13 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 
 from skipnet.benchmark.calibration import expected_calibration_error
 from skipnet.geometry import pose_error
+from skipnet.processes import worker_pool
 from skipnet.registration.pipeline import register
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.types import Pair
@@ -142,7 +141,7 @@ def main(pairs: int = 50, negatives: int = 500) -> None:
     """Run all cases on all processors; print the table and every result that is not as it should
     be."""
     outcomes = []
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count() or 1) as pool:
         for outcome in pool.map(try_case, cases(pairs, negatives)):
             outcomes.append(outcome)
             if (outcome.status == "registered") != outcome.right:

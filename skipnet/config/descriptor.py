@@ -109,8 +109,6 @@ class DescriptorTrainConfig:
     """Steps between validations; at each a checkpoint is written, from which a run resumes."""
     patience: int = 5
     """Validations without a higher inlier ratio after which training ends; 0 never ends early."""
-    workers: int = 2
-    """Processes that simulate; the data do not depend on their number."""
 
     def __post_init__(self) -> None:
         require(bool(self.families), "descriptor.families", self.families, "at least one family")
@@ -118,7 +116,7 @@ class DescriptorTrainConfig:
             count = getattr(self, name)
             limit = 10_000
             require(0 < count <= limit, f"descriptor.{name}", count, f"1 to {limit}")
-        counts = ("patches_per_scans", "steps", "scans_per_step", "validate_every", "workers")
+        counts = ("patches_per_scans", "steps", "scans_per_step", "validate_every")
         units = ("sector_units", "hidden_units", "output_units")
         for name in (*counts, *units, "labelled_per_step"):
             require(getattr(self, name) > 0, f"descriptor.{name}", getattr(self, name), "1 or more")

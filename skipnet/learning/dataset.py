@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from skipnet.features.cylinders import SECTORS, cylinder_patches
 from skipnet.features.patches import build_patches, feature_voxels
 from skipnet.geometry import random_rotation
 from skipnet.learning.labels import LabelRule, label_positions, visible_surface
+from skipnet.processes import Each
 from skipnet.simulation.pairs import simulate_scans
 from skipnet.simulation.scanner import Scanner, SimulatedScan, find_scanner
 from skipnet.simulation.scenes import Scene
@@ -87,7 +86,7 @@ class LabelledScan:
 
 
 def make_samples(
-    families: Sequence[str], seeds: Iterable[int], recipe: Recipe, workers: int = 1
+    families: Sequence[str], seeds: Iterable[int], recipe: Recipe, each: Each = map
 ) -> Samples:
     """Simulate scenes of the families in turn and label their feature voxels.
 
@@ -96,7 +95,7 @@ def make_samples(
             their number.
         seeds: of the scenes; each is scanned from two places.
         recipe: scanner, patch and labels.
-        workers: processes; the result is the same for any number of them.
+        each: ``map``, or what does the same in several processes; the result is the same.
 
     Raises:
         ValueError: no family or no seed, or a family that does not exist.
@@ -105,11 +104,7 @@ def make_samples(
     if not families or not seeds:
         raise ValueError("no scenes: give at least one family and one seed")
     work = partial(_samples_of_scene, tuple(families), recipe)
-    if workers == 1:
-        return concatenate([work(seed) for seed in seeds])
-    # Fresh processes: a forked one would inherit the locks of Open3D's and torch's threads.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return concatenate(list(pool.map(work, seeds, chunksize=4)))
+    return concatenate(list(each(work, seeds)))
 
 
 def concatenate(parts: Sequence[Samples]) -> Samples:

@@ -45,6 +45,7 @@ from skipnet.learning.experiment import (
 )
 from skipnet.learning.network import Classifier, classify, round_to_half
 from skipnet.learning.scores import score, table_rows
+from skipnet.processes import Each, mapping, worker_pool
 from skipnet.simulation.scenes import check_families
 from skipnet.viz import dashboard
 
@@ -58,13 +59,19 @@ CHECKPOINT = "checkpoint.pt"
 
 @dataclass(frozen=True)
 class Sets:
-    """What the network learns from, is watched on, and is judged on."""
+    """What the network learns from and is watched on."""
 
     lessons: Lessons
     validation: Sequence[TwoScans]
     validation_classes: Samples
-    test: Sequence[TwoScans]
-    test_classes: Samples
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What the network is judged on."""
+
+    scans: Sequence[TwoScans]
+    classes: Samples
 
 
 def train_both_heads(config: TrainConfig) -> dict[str, Any]:
@@ -86,16 +93,20 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
     sets = make_sets(config)
     seconds = {"data": time.perf_counter() - start_s}
     with dashboard.open_dashboard(folder / "tensorboard") as writer:
-        outcome = fit(config, sets, writer, device)
-        seconds["training"] = time.perf_counter() - start_s - seconds["data"]
+        # The network learns on one processor: meanwhile another simulates what it is judged on.
+        with worker_pool(1) as aside:
+            to_come = aside.submit(make_unseen, config)
+            outcome = fit(config, sets, writer, device)
+            seconds["training"] = time.perf_counter() - start_s - seconds["data"]
+            unseen = to_come.result()
         path = folder / "descriptor.npz"
         card = make_card(config, sets.lessons, outcome)
         save_descriptor(Descriptor(outcome.network.arrays(), card), path)
         descriptor = load_descriptor(path)  # judged as it will be used: rounded
-        scores = reporting.judge_on_unseen(descriptor, sets.test)
-        classes = {"both heads": judge_classes(config, descriptor, sets.test_classes)}
+        scores = reporting.judge_on_unseen(descriptor, unseen.scans)
+        classes = {"both heads": judge_classes(config, descriptor, unseen.classes)}
         if config.compare_alone:
-            classes["classes alone"] = classes_alone(config, sets)
+            classes["classes alone"] = classes_alone(config, sets, unseen.classes)
         reporting.log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
     card["scores"] = {
         **{name: groups["all"] for name, groups in scores.items()},
@@ -118,37 +129,47 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
 
 
 def make_sets(config: TrainConfig) -> Sets:
-    """Simulate all scenes; those of the three sets never share a seed."""
-    options, data = config.descriptor, config.data
-    check_families([*options.families, *data.families])
+    """Simulate what the network learns from and is watched on."""
+    options = config.descriptor
+    check_families([*options.families, *config.data.families])
+    with mapping(config.data.workers) as each:
+        pairs = make_patch_pairs(
+            options.families,
+            _seeds(options, "training"),
+            options.patches_per_scans,
+            recipe(options.augmentation),
+            each,
+        )
+        classes = _labelled(config, "training", each)
+        weights = sample_weights(classes, config.frequency_strength)
+        return Sets(
+            Lessons(pairs, classes, weights),
+            _scans(options, "validation", each),
+            _labelled(config, "validation", each),
+        )
 
-    def seeds(name: str) -> range:
-        """Of the pairs of scans of one set."""
-        count: int = getattr(options, f"{name}_pairs")
-        return range(FIRST_SEED[name], FIRST_SEED[name] + count)
 
-    def scans(name: str) -> list[TwoScans]:
-        """Pairs of scans of one set."""
-        return make_scans(options.families, seeds(name), how, options.workers)
+def make_unseen(config: TrainConfig) -> Unseen:
+    """Simulate what it is judged on, in this process."""
+    return Unseen(_scans(config.descriptor, "test", map), _labelled(config, "test", map))
 
-    def labelled(name: str) -> Samples:
-        """Labelled patches of one set, with what is around them."""
-        sampled = class_recipe(data, thinned=name != "test", with_surroundings=True)
-        return make_samples(data.families, class_seeds(data, name), sampled, data.workers)
 
+def _seeds(options: DescriptorTrainConfig, name: str) -> range:
+    """Of the pairs of scans of one set."""
+    count: int = getattr(options, f"{name}_pairs")
+    return range(FIRST_SEED[name], FIRST_SEED[name] + count)
+
+
+def _scans(options: DescriptorTrainConfig, name: str, each: Each) -> list[TwoScans]:
+    """Pairs of scans of one set."""
     how = recipe(options.augmentation)
-    pairs = make_patch_pairs(
-        options.families, seeds("training"), options.patches_per_scans, how, options.workers
-    )
-    classes = labelled("training")
-    weights = sample_weights(classes, config.frequency_strength)
-    return Sets(
-        Lessons(pairs, classes, weights),
-        scans("validation"),
-        labelled("validation"),
-        scans("test"),
-        labelled("test"),
-    )
+    return make_scans(options.families, _seeds(options, name), how, each)
+
+
+def _labelled(config: TrainConfig, name: str, each: Each) -> Samples:
+    """Labelled patches of one set, with what is around them; of the test's none is left out."""
+    sampled = class_recipe(config.data, thinned=name != "test", with_surroundings=True)
+    return make_samples(config.data.families, class_seeds(config.data, name), sampled, each)
 
 
 def recipe(options: AugmentationConfig) -> Recipe:
@@ -200,12 +221,12 @@ def judge_classes(
     return score(test, reporting.predict(descriptor, test), config.data.families)
 
 
-def classes_alone(config: TrainConfig, sets: Sets) -> dict[str, dict[str, Any]]:
+def classes_alone(config: TrainConfig, sets: Sets, test: Samples) -> dict[str, dict[str, Any]]:
     """The same scores of a network that learns the classes alone, from the same patches."""
     network, _ = train_classifier(config, sets.lessons.labelled, sets.validation_classes)
     alone = Classifier(round_to_half(network.float().eval()), {})
-    predicted = classify(alone, sets.test_classes.patches).argmax(axis=1)
-    return score(sets.test_classes, predicted, config.data.families)
+    predicted = classify(alone, test.patches).argmax(axis=1)
+    return score(test, predicted, config.data.families)
 
 
 def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[str, Any]:

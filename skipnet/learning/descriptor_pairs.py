@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from typing import TypeVar
 
 import numpy as np
@@ -19,6 +17,7 @@ import numpy as np
 from skipnet.features.cylinders import cylinder_patches, turned_over
 from skipnet.features.frames import tangent_frames
 from skipnet.geometry import invert, transform_points
+from skipnet.processes import Each
 from skipnet.simulation.pairs import simulate_scans
 from skipnet.simulation.scanner import SimulatedScan
 from skipnet.skipmap.resolution import choose_voxel_size
@@ -96,7 +95,7 @@ def make_patch_pairs(
     seeds: Iterable[int],
     per_scans: int,
     recipe: Recipe = Recipe(),
-    workers: int = 1,
+    each: Each = map,
 ) -> list[PatchPairs]:
     """Simulate pairs of scans of the families in turn and cut out pairs of patches.
 
@@ -106,7 +105,7 @@ def make_patch_pairs(
         seeds: of the scenes and of all that is drawn for them.
         per_scans: pairs of patches from one pair of scans, at most.
         recipe: of the scans.
-        workers: processes; the result is the same for any number of them.
+        each: ``map``, or what does the same in several processes; the result is the same.
 
     Returns:
         One entry per seed whose scans share enough, in order.
@@ -115,30 +114,26 @@ def make_patch_pairs(
         ValueError: no family, or a family that does not exist.
     """
     work = partial(_pairs_of_scene, per_scans, recipe)
-    return [pairs for pairs in _each_scene(work, families, seeds, workers) if pairs is not None]
+    return [pairs for pairs in _each_scene(work, families, seeds, each) if pairs is not None]
 
 
 def make_scans(
-    families: Sequence[str], seeds: Iterable[int], recipe: Recipe = Recipe(), workers: int = 1
+    families: Sequence[str], seeds: Iterable[int], recipe: Recipe = Recipe(), each: Each = map
 ) -> list[TwoScans]:
     """As ``make_patch_pairs``, the scans themselves: those that are left with enough points."""
     work = partial(simulate_two_scans, recipe=recipe)
-    return [scans for scans in _each_scene(work, families, seeds, workers) if scans is not None]
+    return [scans for scans in _each_scene(work, families, seeds, each) if scans is not None]
 
 
 def _each_scene(
-    work: Callable[[str, int], T], families: Sequence[str], seeds: Iterable[int], workers: int
+    work: Callable[[str, int], T], families: Sequence[str], seeds: Iterable[int], each: Each
 ) -> list[T]:
     """What ``work`` makes of every seed and its family, in order."""
     if not families:
         raise ValueError("no scenes: give at least one family")
     seeds = list(seeds)
     names = [families[seed % len(families)] for seed in seeds]
-    if workers == 1:
-        return list(map(work, names, seeds))
-    # Fresh processes: a forked one would inherit the locks of Open3D's and torch's threads.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return list(pool.map(work, names, seeds, chunksize=4))
+    return list(each(work, names, seeds))
 
 
 def digest(pairs: Sequence[PatchPairs]) -> str:
@@ -239,12 +234,14 @@ def _spoil(
     rng: np.random.Generator,
 ) -> FloatArray:
     """Thin the points out, tear holes and shake what is left."""
-    points_m = points_m[rng.random(len(points_m)) < rng.uniform(recipe.least_kept, 1.0)]
+    kept = rng.random(len(points_m)) < rng.uniform(recipe.least_kept, 1.0)
+    points_m = points_m.take(np.flatnonzero(kept), axis=0)
+    x_m, y_m, z_m = np.ascontiguousarray(points_m.T)
     whole = np.ones(len(points_m), dtype=bool)
-    for middle_m in points_m[rng.integers(len(points_m), size=rng.integers(recipe.holes + 1))]:
+    for x, y, z in points_m[rng.integers(len(points_m), size=rng.integers(recipe.holes + 1))]:
         radius_m = voxel_size_m * rng.uniform(2, 12)
-        whole &= ((points_m - middle_m) ** 2).sum(axis=1) > radius_m**2
-    left_m = points_m[whole]
+        whole &= (x_m - x) ** 2 + (y_m - y) ** 2 + (z_m - z) ** 2 > radius_m**2
+    left_m = points_m.take(np.flatnonzero(whole), axis=0)
     return left_m + rng.normal(0, noise_m, left_m.shape)
 
 

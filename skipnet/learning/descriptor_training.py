@@ -223,11 +223,10 @@ class _Run:
     def _draw_labelled(self) -> list[torch.Tensor]:
         """(L, 125) details, (L, 5, 100) surroundings, (L,) classes and (L,) weights."""
         rows = self.rng.integers(len(self.lessons.labelled), size=self.schedule.labelled)
-        some = self.lessons.labelled[rows]
-        arrays = (some.patches, some.surroundings, some.labels, self.weights[rows])
-        return [
-            torch.from_numpy(a if a.dtype == np.int64 else a.astype(np.float32)) for a in arrays
-        ]
+        some = self.lessons.labelled
+        arrays = (some.patches, some.surroundings, some.labels, self.weights)
+        details, surroundings, labels, weights = (torch.from_numpy(a[rows]) for a in arrays)
+        return [details, surroundings.float(), labels, weights.float()]
 
     def _to_device(self, *tensors: torch.Tensor) -> list[torch.Tensor]:
         return [tensor.to(self.device) for tensor in tensors]

@@ -34,6 +34,7 @@ from skipnet.learning.training import (
     TrainingSet,
     train_network,
 )
+from skipnet.processes import mapping
 from skipnet.types import FeatureClass, FloatArray, IntArray
 from skipnet.viz.dashboard import open_dashboard
 
@@ -122,15 +123,17 @@ def make_sets(config: TrainConfig) -> Sets:
     def scenes(name: str, thinned: bool) -> Samples:
         """The samples of one set."""
         how = class_recipe(data, thinned)
-        return make_samples(data.families, class_seeds(data, name), how, data.workers)
+        return make_samples(data.families, class_seeds(data, name), how, each)
 
-    training = scenes("training", thinned=True)
-    unseen = scenes("test", thinned=False)
+    with mapping(data.workers) as each:
+        training = scenes("training", thinned=True)
+        unseen = scenes("test", thinned=False)
+        by_scene = data.split is Split.by_scene
+        validation = scenes("validation", thinned=True) if by_scene else None
     rng = np.random.default_rng(config.seed)
     if data.samples is not None:
         training = draw_evenly(training, data.samples, rng)
-    if data.split is Split.by_scene:
-        validation = scenes("validation", thinned=True)
+    if validation is not None:
         return Sets(training, validation, unseen, held_out=None)
     parts = split_at_random(len(training), RANDOM_SHARES, rng)
     return Sets(training[parts[0]], training[parts[1]], unseen, training[parts[2]])

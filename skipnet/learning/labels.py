@@ -15,7 +15,6 @@ What counts as a surface at a position is the definition's other half:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 
@@ -188,7 +187,10 @@ def _surfaces_around(
         positions_m, visible.points_m, rule.radius_voxels * voxel_size_m
     )
     surfaces = int(visible.surfaces.max(initial=0)) + 1
-    group, row = np.unique(position * surfaces + visible.surfaces[sample], return_inverse=True)
+    place = position * surfaces + visible.surfaces[sample]
+    taken = np.zeros(len(positions_m) * surfaces, dtype=bool)
+    taken[place] = True
+    group, row = np.flatnonzero(taken), (np.cumsum(taken) - 1)[place]  # np.unique would sort
     owner = group // surfaces
 
     def total(values: FloatArray) -> FloatArray:
@@ -249,12 +251,17 @@ def _pairs_within(
     positions_m: FloatArray, points_m: FloatArray, radius_m: float
 ) -> tuple[IntArray, IntArray]:
     """Rows (position, point) of all pairs closer than ``radius_m``."""
+    from scipy.sparse import coo_array
     from scipy.spatial import cKDTree
 
-    found = cKDTree(points_m).query_ball_point(positions_m, radius_m, return_sorted=False)
-    sizes = np.fromiter((len(rows) for rows in found), dtype=np.int64, count=len(found))
-    position = np.repeat(np.arange(len(positions_m)), sizes)
-    return position, np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(sizes.sum()))
+    tree = cKDTree(points_m)
+    near = cKDTree(positions_m).sparse_distance_matrix(tree, radius_m, output_type="coo_matrix")
+    rank = np.empty(len(points_m), dtype=near.col.dtype)
+    rank[tree.indices] = np.arange(len(points_m))
+    near = coo_array((near.data, (near.row, rank[near.col])), near.shape)
+    near = near.tocsc().tocsr()  # sorted by rows, then columns
+    position = np.repeat(np.arange(len(positions_m)), np.diff(near.indptr))
+    return position, tree.indices[near.indices]
 
 
 def beam_density(scanner: Scanner, directions: FloatArray) -> FloatArray:
@@ -276,6 +283,6 @@ def beam_density(scanner: Scanner, directions: FloatArray) -> FloatArray:
 
 def _unoccluded(scene: Scene, sensor_m: FloatArray, points_m: FloatArray) -> BoolArray:
     """(S,) bool: nothing stands between the sensor and the point."""
-    hits = scene.raycaster().cast(sensor_m, points_m - sensor_m)
+    hits = scene.raycaster.cast(sensor_m, points_m - sensor_m)
     # The ray's unit is the way to the point: 1 is the point itself, met up to rounding.
     return hits.distances >= 1 - 1e-3

@@ -112,5 +112,5 @@ def in_sight(
     ways_m = points_world_m - sensor_m
     distance_m = np.linalg.norm(ways_m, axis=1)
     # The ray caster measures in lengths of the way: 1 is the point itself, less is in front of it.
-    blocked_at_m = scene.raycaster().cast(sensor_m, ways_m).distances * distance_m
+    blocked_at_m = scene.raycaster.cast(sensor_m, ways_m).distances * distance_m
     return (blocked_at_m > distance_m - SIGHT_TOLERANCE_M) & (distance_m <= max_range_m)

@@ -50,21 +50,30 @@ def footprint_m(surfaces: Iterable[Surface]) -> FloatArray:
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
-def separation_m(first_m: FloatArray, second_m: FloatArray) -> float:
-    """A lower bound of the distance of two convex polygons (K, 2), (L, 2); negative if they meet.
+def separation_m(first_m: FloatArray, second_m: FloatArray) -> FloatArray:
+    """A lower bound of the distance of convex polygons; negative where they meet.
 
     The largest gap along any edge normal (separating axes). A segment is a polygon of two corners.
 
-    >>> separation_m(square_m(np.zeros(2), 1.0), square_m(np.array([5.0, 1.0]), 1.0))
+    Args:
+        first_m: (K, 2) corners of one polygon.
+        second_m: (..., L, 2) corners of others.
+
+    Returns:
+        (...) of each of them from the first.
+
+    >>> float(separation_m(square_m(np.zeros(2), 1.0), square_m(np.array([5.0, 1.0]), 1.0)))
     3.0
     """
-    edges = np.concatenate([np.roll(p, -1, axis=0) - p for p in (first_m, second_m)])
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    first, second = first_m @ normals.T, second_m @ normals.T
-    after = second.min(axis=0) - first.max(axis=0)
-    before = first.min(axis=0) - second.max(axis=0)
-    return float(np.maximum(after, before).max())
+    first_m = np.broadcast_to(first_m, (*second_m.shape[:-2], *first_m.shape))
+    edges = np.concatenate([_next(p) - p for p in (first_m, second_m)], axis=-2)
+    normals = np.stack([edges[..., 1], -edges[..., 0]], axis=-2)
+    normals /= np.sqrt((normals**2).sum(axis=-2, keepdims=True))
+    first, second = first_m @ normals, second_m @ normals
+    after = second.min(axis=-2) - first.max(axis=-2)
+    before = first.min(axis=-2) - second.max(axis=-2)
+    gaps: FloatArray = np.maximum(after, before).max(axis=-1)
+    return gaps
 
 
 def furnish(
@@ -80,20 +89,26 @@ def furnish(
         rng: draws pieces, places and turns.
         corners_m: (K, 2) floor plan, counter-clockwise.
         makers: what to place, one entry per piece.
-        keep_free_m: convex polygons (L, 2) where nothing may stand.
+        keep_free_m: rectangles (4, 2) where nothing may stand.
         turned_freely: turn each piece about z by any angle instead of by quarter turns.
     """
-    walls = [np.array(wall) for wall in zip(corners_m, np.roll(corners_m, -1, axis=0), strict=True)]
-    taken = [*walls, *keep_free_m]
+    ends_m = _next(corners_m)
+    walls = np.stack([corners_m, ends_m, corners_m, ends_m], axis=1)  # of four corners, as the rest
+    taken = np.concatenate([walls, np.reshape(keep_free_m, (-1, 4, 2))])
     placed: list[Surface] = []
     for maker in makers:
         piece = maker(rng)
+        outline_m = footprint_m(piece)
         for _ in range(PLACEMENT_TRIES):
-            T_world_piece = _random_stand(rng, corners_m, turned_freely)
-            rectangle = footprint_m(piece) @ T_world_piece[:2, :2].T + T_world_piece[:2, 3]
-            inside = contains(corners_m, T_world_piece[:2, 3])
-            if inside and all(separation_m(rectangle, other) >= GAP_M for other in taken):
-                taken.append(rectangle)
+            turn_rad, place_m = _random_stand(rng, corners_m, turned_freely)
+            if not contains(corners_m, place_m):
+                continue
+            T_world_piece = make_transform(
+                rotation_from_vector(np.array([0, 0, turn_rad])), np.append(place_m, 0.0)
+            )
+            rectangle = outline_m @ T_world_piece[:2, :2].T + place_m
+            if (separation_m(rectangle, taken) >= GAP_M).all():
+                taken = np.concatenate([taken, rectangle[None]])
                 placed += moved(piece, T_world_piece)
                 break
     return placed
@@ -107,16 +122,21 @@ def square_m(centre_m: FloatArray, half_width_m: float) -> FloatArray:
 
 def contains(corners_m: FloatArray, point_m: FloatArray) -> bool:
     """Whether the polygon (K, 2) holds the point (2,): an odd number of edges lies to its right."""
-    (x0, y0), (x1, y1) = corners_m.T, np.roll(corners_m, -1, axis=0).T
+    (x0, y0), (x1, y1) = corners_m.T, _next(corners_m).T
     crosses = (y0 > point_m[1]) != (y1 > point_m[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing_x_m = x0 + (point_m[1] - y0) / (y1 - y0) * (x1 - x0)
     return bool(np.count_nonzero(crosses & (crossing_x_m > point_m[0])) % 2)
 
 
+def _next(corners_m: FloatArray) -> FloatArray:
+    """(..., K, 2) the corner after each."""
+    return np.concatenate([corners_m[..., 1:, :], corners_m[..., :1, :]], axis=-2)
+
+
 def _random_stand(
     rng: np.random.Generator, corners_m: FloatArray, turned_freely: bool
-) -> FloatArray:
+) -> tuple[float, FloatArray]:
+    """Turn about z and (2,) place."""
     turn_rad = rng.uniform(0, 2 * np.pi) if turned_freely else rng.integers(4) * np.pi / 2
-    place_m = rng.uniform(corners_m.min(axis=0), corners_m.max(axis=0))
-    return make_transform(rotation_from_vector(np.array([0, 0, turn_rad])), np.append(place_m, 0.0))
+    return turn_rad, rng.uniform(corners_m.min(axis=0), corners_m.max(axis=0))
