@@ -8,9 +8,12 @@ import numpy as np
 
 from skipnet.types import FloatArray
 
-_CHUNK = 1 << 14
-"""Points handled at a time: enough to outweigh the calls, few enough for the cache, and for BLAS
-to keep to one thread: two on so small a product wait for each other longer than they compute."""
+_CHUNK = 1 << 16
+"""Points handled at a time: few enough for the cache, and enough to outweigh the calls, each of
+which has to wait for Python's lock while the other scan is described beside."""
+_PRODUCT = 1 << 14
+"""Points turned at a time: few enough for BLAS to keep to one thread. Two on so small a product
+wait for each other longer than they compute."""
 
 _CROSS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
 """What makes the matrix of the cross product with it out of a vector."""
@@ -40,7 +43,7 @@ def transform_points(T_a_b: FloatArray, points_b_m: FloatArray) -> FloatArray:
     >>> transform_points(make_transform(np.eye(3), np.array([1.0, 0, 0])), np.zeros((1, 3)))
     array([[1., 0., 0.]])
     """
-    if points_b_m.ndim == T_a_b.ndim == 2 and len(points_b_m) > _CHUNK:
+    if points_b_m.ndim == T_a_b.ndim == 2 and len(points_b_m) > _PRODUCT:
         return np.concatenate([xyz_m.T for xyz_m in columns(points_b_m, T_a_b)])
     rotation = T_a_b[..., :3, :3]
     return points_b_m @ np.swapaxes(rotation, -1, -2) + T_a_b[..., None, :3, 3]
@@ -62,12 +65,12 @@ def columns(
     for start in range(0, len(points_b_m), chunk):
         rows_m = points_b_m[start : start + chunk]
         xyz_m = np.empty((3, len(rows_m)))
-        for first in range(0, len(rows_m), _CHUNK):
-            piece_m = xyz_m[:, first : first + _CHUNK]
-            piece_m[:] = rows_m[first : first + _CHUNK].T
-            if T_a_b is not None:
+        xyz_m[:] = rows_m.T
+        if T_a_b is not None:
+            for first in range(0, len(rows_m), _PRODUCT):
+                piece_m = xyz_m[:, first : first + _PRODUCT]
                 piece_m[:] = T_a_b[:3, :3] @ piece_m
-                piece_m += T_a_b[:3, 3:]
+            xyz_m += T_a_b[:3, 3:]
         yield xyz_m
 
 

@@ -12,8 +12,8 @@ from skipnet.types import FloatArray, IntArray
 
 _MIN_BINS, _MAX_BINS = 32, 256
 _POINTS_PER_BIN = 4
-_POINTS_AT_ONCE = 1 << 16
-"""So few that what is computed of them on the way stays in the processor's cache."""
+_POINTS_AT_ONCE = 1 << 17
+"""So few that what is computed of them on the way takes little memory."""
 
 
 @dataclass(frozen=True)

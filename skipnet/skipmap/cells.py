@@ -21,7 +21,7 @@ _LARGEST_TABLE = 1 << 24
 """Entries that a table over a box of cells may have where the other way is to sort the points."""
 _LARGEST_SMALL_TABLE = 1 << 22
 """Likewise, where the other way is a hash table over the voxels."""
-_CELLS_AT_ONCE = 1 << 12
+_CELLS_AT_ONCE = 1 << 13
 """Cells whose neighbours are looked up in one go, in memory that is still at hand from the last."""
 _FIELDS = (1 << (2 * _BITS)) + (1 << _BITS) + 1
 """A one in each of a key's three fields."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from skipnet.types import BoolArray, FloatArray
 
-_BLOCK = 8192
-"""Matrices solved at a time: what is computed on the way stays in the processor's cache, and two
-threads that solve do not get in each other's way, as they do in shorter calls."""
+_BLOCK = 1 << 15
+"""Matrices solved at a time: what is computed on the way takes little memory, and two threads that
+solve do not get in each other's way, as they do in shorter calls."""
 _Vector = tuple[FloatArray, FloatArray, FloatArray]
 
 
