@@ -98,6 +98,25 @@ def test_broken_pairs_file_is_refused(tmp_path, text):
         folder_pairs(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("overlap", "much"),
+        ("success_rotation_deg", "few"),
+        ("T_target_source", [["a"]]),
+        ("T_target_source", (2 * np.eye(4)).tolist()),
+        ("T_target_source", np.full((4, 4), np.nan).tolist()),
+    ],
+)
+def test_an_entry_that_makes_no_sense_is_refused_before_anything_runs(folder, field, value):
+    path = folder / "pairs.json"
+    listed = json.loads(path.read_text())
+    listed["pairs"][0][field] = value
+    path.write_text(json.dumps(listed))
+    with pytest.raises(ValueError, match="pairs.json"):
+        folder_pairs(folder)
+
+
 def test_repeated_names_are_refused():
     with pytest.raises(ValueError, match="unique"):
         PairSet(("a", "b", "a"), load=lambda index: None)

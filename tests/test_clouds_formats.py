@@ -167,6 +167,13 @@ BROKEN = {
         b"ply\nformat ascii_art 1.0\nelement vertex 1\nend_header\n1 2 3\n",
         "unknown PLY format",
     ),
+    "bare.ply": (PLY + b"element vertex 1\nproperty\nend_header\n1\n", "cannot read the header"),
+    "count.ply": (
+        PLY
+        + b"element vertex 99999999999\nproperty float x\nproperty float y\nproperty float z\n"
+        + b"end_header\n1 2 3\n",
+        "truncated",
+    ),
     "mesh.ply": (PLY + b"element face 0\nproperty int a\nend_header\n", "no vertices"),
     "flat.ply": (PLY + b"element vertex 1\nproperty float x\nend_header\n1\n", "lack x, y or z"),
     "none.ply": (
@@ -176,6 +183,10 @@ BROKEN = {
     ),
     "noise.pcd": (b"hello\n", "not a PCD"),
     "flat.pcd": (b"FIELDS x y\nPOINTS 2\nDATA ascii\n1 2\n3 4\n", "lack x, y or z"),
+    "widths.pcd": (
+        b"FIELDS x y z\nCOUNT a b c\nPOINTS 1\nDATA ascii\n1 2 3\n",
+        "damaged points",
+    ),
     "letters.xyz": (b"these are\nnot numbers\n", "neither numbers nor"),
     "binary.xyz": (b"\xff\xfe\x00\x81", "not a text file"),
     "two.csv": (b"1,2\n3,4\n", "at least three numbers"),

@@ -373,6 +373,11 @@ def test_misspelt_option_is_one_line_and_exit_code_2(capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+def test_an_option_of_the_wrong_kind_is_refused_by_name():
+    with pytest.raises(ValueError, match="'icp' cannot take .*max_iterations"):
+        make_method("icp", {"max_iterations": "abc"})
+
+
 def test_help_is_instant_in_that_it_imports_nothing_heavy():
     script = (
         "import sys, evaluate; from skipnet import command; "

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,6 +25,7 @@ from skipnet.registration.multiview import (
     solve,
     spanning_tree,
 )
+from skipnet.registration.report import poses_json, scans_page
 from skipnet.simulation.pairs import simulate_pair, simulate_scans
 
 
@@ -169,6 +173,19 @@ def test_a_contradiction_is_shared_by_what_each_link_determines():
     # A link that says nothing about x leaves the others alone.
     blind = {(0, 2): np.diag([1.0, 1, 1, 0, 1, 1])}
     np.testing.assert_allclose(chain(blind), [1.0, 2.0], atol=1e-6)
+
+
+def test_a_pair_that_had_no_say_is_told_in_the_results(result):
+    told = replace(result, rejected=[(0, 2)])
+    pairs = {
+        (pair["target"], pair["source"]): pair
+        for pair in json.loads(poses_json(told, list("abcd"), 0))["pairs"]
+    }
+    assert [key for key, pair in pairs.items() if pair["rejected"]] == [(0, 2)]
+    closures_m = {key: pair["closure_m"] for key, pair in pairs.items()}
+    assert closures_m == {key: pytest.approx(m) for key, m in result.closures_m.items()}
+    page = scans_page(told, list("abcd"), b"", 0)
+    assert page.count("registered, rejected") == 1 and "pose graph" in page
 
 
 def test_a_wrong_link_that_contradicts_more_trusted_ones_has_no_say():

@@ -89,9 +89,20 @@ def test_all_four_turns_of_a_square_room_are_proposed():
 
 
 def test_normals_keep_their_side_so_no_mirrored_or_inside_out_pose_is_proposed():
-    source = room()
-    found = from_planes(source, moved(source, random_motion(3)), VOXEL_M)
-    np.testing.assert_allclose(np.linalg.det(found.T_target_source[:, :3, :3]), 1.0)
+    # The floor is no ceiling: whatever pose lays it on the target's only horizontal plane keeps
+    # its upper side up.
+    box = planes_of(
+        [[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]],
+        [[0, 0, -1], [-4, 0, 0], [4, 0, 0], [0, -3, 0], [0, 3, 0]],
+        [4000, 900, 900, 1200, 1200],
+    )
+    T_true = random_motion(3)
+    found = from_planes(box, moved(box, T_true), VOXEL_M)
+    rotations = found.T_target_source[:, :3, :3]
+    assert len(found) >= 2  # as it stands, and turned by half a turn
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+    up_cosine = rotations[:, :, 2] @ T_true[:3, 2]
+    assert (up_cosine > 0.99).all()
 
 
 @pytest.mark.parametrize("normals", [np.zeros((0, 3)), AXES[:2]], ids=["none", "two directions"])

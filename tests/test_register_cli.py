@@ -104,7 +104,7 @@ def test_without_arguments_it_simulates_a_pair_and_says_where_to_look(tmp_path):
     assert run.returncode == 0, run.stderr
     assert "Off the truth by" in run.stdout and "runs/register/report.html" in run.stdout
     written = {path.name for path in (tmp_path / "runs" / "register").iterdir()}
-    assert written == PAIR_FILES | {"source.ply", "target.ply"}
+    assert written == PAIR_FILES | {"simulated_source.ply", "simulated_target.ply"}
 
 
 BAD = {
@@ -121,6 +121,13 @@ BAD = {
     "misspelt with plus": (["+voxel_size=0.1"], "did you mean voxel_size_m?"),
     "out of range": (["voxel_size_m=0"], "voxel_size_m=0.0: expected metres above 0"),
     "bad viewpoint": (["source_viewpoint=[1,2]"], "source_viewpoint=[1, 2]: expected auto"),
+    "no voxel": (["voxel_size_m=inf"], "voxel_size_m=inf: expected metres above 0"),
+    "no samples": (["registration.final_samples=-5"], "final_samples=-5: expected 50 or more"),
+    "no weight": (["registration.violation_weight=inf"], "violation_weight=inf: expected a number"),
+    "viewpoint of scans": (
+        ["scans=[scans/a.ply,scans/b.npy]", "source_viewpoint=null"],
+        "are for two scans",
+    ),
     "one scan": (["scans=[scans/a.ply]"], "at least two files"),
     "both ways": (["source=a.ply", "target=b.ply", "scans=[a.ply,b.ply]"], "exclude each other"),
     "a missing scan": (["scans=[scans/a.ply,scans/c.ply]"], "scans/c.ply: no such file"),

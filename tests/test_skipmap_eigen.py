@@ -26,8 +26,9 @@ def six_of(matrices):
     return matrices[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]].T
 
 
-@pytest.fixture(params=SPECTRA, scope="module")
-def matrices(request):
+@pytest.fixture(params=SPECTRA)
+def matrices(request, monkeypatch):
+    monkeypatch.setattr("skipnet.skipmap.eigen._BLOCK", 2000)
     rng = np.random.default_rng(0)
     spectrum = SPECTRA[request.param](rng)
     axes = np.linalg.qr(rng.normal(size=(COUNT, 3, 3)))[0]

@@ -103,6 +103,23 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path):
     }
 
 
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"speed": SpeedConfig(["nosuch"], SIZES)}, "unknown scene family 'nosuch'"),
+        ({"methods": ["skipnet", "icp_from_coarse"]}, "starts from the pose of"),
+        ({"methods": ["skipnet"]}, "choose another output_dir"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_and_earlier_measurements_stay(tmp_path, changed, words):
+    (tmp_path / "measurements.jsonl").write_text("{}\n")
+    config = EvaluateConfig(benchmark="speed", output_dir=str(tmp_path), **changed)
+    with pytest.raises(ValueError, match=words):
+        run_speed(config, io.StringIO())
+    assert (tmp_path / "measurements.jsonl").read_text() == "{}\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["measurements.jsonl"]
+
+
 @pytest.mark.parametrize("beams", [[], [0, 5], [20, 10]])
 def test_sizes_must_ascend(beams):
     with pytest.raises(ValueError, match="speed.beams"):

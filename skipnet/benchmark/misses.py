@@ -170,4 +170,6 @@ def main(folder: str) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2 or not (Path(sys.argv[1]) / PREDICTIONS_FILE).is_file():
+        sys.exit("usage: python -m skipnet.benchmark.misses RUN, the output_dir of evaluate.py")
     main(sys.argv[1])

@@ -26,6 +26,7 @@ from skipnet.benchmark.methods import Method, Task, make_method
 from skipnet.config import EvaluateConfig
 from skipnet.geometry import pose_error
 from skipnet.simulation.pairs import simulate_pair
+from skipnet.simulation.scenes import check_families
 from skipnet.types import FloatArray, Pair
 
 MEASUREMENTS_FILE = "measurements.jsonl"
@@ -65,16 +66,20 @@ def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str
         The content of summary.json.
 
     Raises:
+        ValueError: settings that do not fit, or a folder with the measurements of another run: what
+            was timed then does not compare with what would be timed now.
         ImportError: when a chosen method's package is missing.
     """
     from skipnet.benchmark.runner import write_config
     from skipnet.benchmark.speed_report import write_speed_report
 
-    folder = Path(config.output_dir)
+    path = Path(config.output_dir) / MEASUREMENTS_FILE
+    _check(config, path)
+    folder = path.parent
     folder.mkdir(parents=True, exist_ok=True)
     write_config(config, folder / "config.yaml")
     measured = []
-    with open(folder / MEASUREMENTS_FILE, "w", encoding="utf-8") as file:
+    with open(path, "w", encoding="utf-8") as file:
         for measurement in measure_all(config):
             measured.append(measurement)
             file.write(json.dumps(asdict(measurement)) + "\n")
@@ -83,6 +88,20 @@ def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str
     summary = write_speed_report(config, measured, folder)
     print(f"see {folder / 'report.html'}", file=progress)
     return summary
+
+
+def _check(config: EvaluateConfig, path: Path) -> None:
+    """Refuse what cannot be measured, before anything is."""
+    check_families(config.speed.families)
+    for name in config.methods:
+        before = config.variants[name].start_from
+        if before:
+            raise ValueError(
+                f"methods: {name} starts from the pose of {before}, and benchmark=speed times "
+                f"whole methods: leave it out"
+            )
+    if path.exists():
+        raise ValueError(f"{path} has the measurements of another run: choose another output_dir")
 
 
 def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:

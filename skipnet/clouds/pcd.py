@@ -71,10 +71,10 @@ def _read_header(file: BinaryIO, path: Path) -> dict[str, list[str]]:
 
 def _read_ascii(file: BinaryIO, header: dict[str, list[str]], path: Path) -> FloatArray:
     names = header["FIELDS"]
-    widths = [int(count) for count in header.get("COUNT", ["1"] * len(names))]
-    columns = [sum(widths[: names.index(axis)]) for axis in "xyz"]
     rows = [line for line in file.read().splitlines() if line.strip()]
     try:
+        widths = [int(count) for count in header.get("COUNT", ["1"] * len(names))]
+        columns = [sum(widths[: names.index(axis)]) for axis in "xyz"]
         # All columns, so that NumPy notices a last line that was cut short.
         return np.loadtxt(rows, ndmin=2)[:, columns] if rows else np.empty((0, 3))
     except (ValueError, IndexError) as error:

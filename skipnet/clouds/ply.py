@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -103,7 +104,7 @@ def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[_Element]]:
 
 
 def _add_property(element: _Element, words: list[str], path: Path) -> None:
-    if words[1] == "list":
+    if words[1:2] == ["list"]:
         element.has_list = True
     elif len(words) == 3 and words[1] in _TYPES:
         element.columns.append((words[2], _TYPES[words[1]]))
@@ -138,7 +139,7 @@ def _read_binary(
 
 def _read_ascii(file: BinaryIO, element: _Element, path: Path) -> FloatArray:
     columns = _xyz_columns(element, path)
-    lines = [line for _ in range(element.count) if (line := file.readline())]
+    lines = list(islice(file, element.count))
     if len(lines) < element.count:
         raise _truncated(path, len(lines), element)
     if not columns or not lines:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -57,7 +58,13 @@ class RegistrationConfig:
 
     def __post_init__(self) -> None:
         require(bool(self.generators), "generators", self.generators, "at least one generator")
-        require(self.violation_weight >= 0, "violation_weight", self.violation_weight, "0 or more")
+        known = all(isinstance(generator, Generator) for generator in self.generators)
+        require(known, "generators", self.generators, "members of Generator")
+        for name in ("denoise_sigma", "feature_weight", "violation_weight"):
+            value = getattr(self, name)
+            require(0 <= value < math.inf, name, value, "a number of 0 or more")
+        for name in ("max_correspondences", "refine_samples", "final_samples"):
+            require(getattr(self, name) >= 50, name, getattr(self, name), "50 or more")
         neighbours = self.denoise_neighbours
         require(neighbours >= 1, "denoise_neighbours", neighbours, "1 or more")
 
@@ -90,7 +97,8 @@ class RegisterConfig:
         check_viewpoint("target_viewpoint", self.target_viewpoint)
         require(self.seed >= 0, "seed", self.seed, "a whole number of at least 0")
         size_m = self.voxel_size_m
-        require(size_m is None or size_m > 0, "voxel_size_m", size_m, "metres above 0, or null")
+        fits = size_m is None or 0 < size_m < math.inf
+        require(fits, "voxel_size_m", size_m, "metres above 0, or null")
         self._check_inputs()
 
     def _check_inputs(self) -> None:
@@ -99,6 +107,11 @@ class RegisterConfig:
             raise ValueError(f"only {given} was given: give source=FILE and target=FILE together")
         if self.scans and self.source is not None:
             raise ValueError("scans=[...] and source=/target= exclude each other: give only one")
+        if self.scans and (self.source_viewpoint, self.target_viewpoint) != ("auto", "auto"):
+            raise ValueError(
+                "source_viewpoint and target_viewpoint are for two scans: with scans=[...] all "
+                "viewpoints are found out; leave them out"
+            )
         require(len(self.scans) != 1, "scans", self.scans, "at least two files")
         require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
 

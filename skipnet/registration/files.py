@@ -74,8 +74,7 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     from skipnet.simulation.pairs import simulate_pair
 
     pair = simulate_pair(SIMULATED_FAMILY, choices.seed).pair
-    output_dir.mkdir(parents=True, exist_ok=True)
-    inputs = {name: str(output_dir / f"{name}.ply") for name in ("source", "target")}
+    inputs = {name: str(output_dir / f"simulated_{name}.ply") for name in ("source", "target")}
     write_ply(inputs["source"], pair.source_m)
     write_ply(inputs["target"], pair.target_m)
     result = _register(pair.source_m, pair.target_m, choices)
@@ -122,7 +121,6 @@ def _read_inputs(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]
             raise ValueError(
                 f"{path}: would be overwritten by the results: choose another output_dir"
             )
-    output_dir.mkdir(parents=True, exist_ok=True)
     return clouds_m
 
 

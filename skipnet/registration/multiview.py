@@ -118,12 +118,13 @@ def register_many(
         limit_m = MAX_CLOSURE_VOXELS * described[0].skipmap.voxel_size_m
         poses, agreeing = solve(links, {key: _trust(pairs[key]) for key in links}, limit_m)
         links = {key: link for key, link in links.items() if key[0] in poses and key[1] in poses}
-    status, reason = _verdict(poses, len(described), pairs)
+    rejected = [key for key in links if key not in agreeing]
+    status, reason = _verdict(poses, len(described), pairs, len(rejected))
     return MultiviewResult(
         T_first_scan=[poses.get(scan) for scan in range(len(described))],
         pairs=pairs,
         closures_m={key: closure_m(link, key, poses) for key, link in links.items()},
-        rejected=[key for key in links if key not in agreeing],
+        rejected=rejected,
         status=status,
         reason=reason,
         timings_s=clock.seconds,
@@ -279,10 +280,14 @@ def _trust(pair: Registration) -> tuple[float, float]:
     return round(pair.confidence, 2), float(str(pair.details["overlap"]))
 
 
-def _verdict(poses: Poses, count: int, pairs: Mapping[PairKey, Registration]) -> tuple[str, str]:
+def _verdict(
+    poses: Poses, count: int, pairs: Mapping[PairKey, Registration], rejected: int
+) -> tuple[str, str]:
     lost = [scan for scan in range(count) if scan not in poses]
     registered = sum(pair.status == "registered" for pair in pairs.values())
     found = f"{registered} of {len(pairs)} pairs registered"
+    if rejected:
+        found += f", {rejected} of them rejected because others contradict them"
     if not lost:
         return "registered", f"{found}; they connect all {count} scans"
     names = ", ".join(str(scan) for scan in lost)

@@ -156,7 +156,7 @@ def propose(
         return from_slides(planes, target.planes, *voxels, size_m)
     if generator is Generator.fpfh:
         found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
-    else:
+    else:  # Generator.descriptors
         found = correspond(source.skipmap, target.skipmap, load_descriptor())
     rows_s, rows_t, distance = found
     best = np.argsort(distance, kind="stable")[: config.max_correspondences]

@@ -86,7 +86,8 @@ class _PlanePairs:
         return _PlanePairs(products.reshape(9, -1), area, min_cosine)
 
     def shared_area(self, rotations: FloatArray) -> FloatArray:
-        """(R, T * S) area that each source plane shares with the target plane most parallel to it.
+        """(R, T * S) area that each source plane shares with the one target plane along it with
+        which it shares most; with all of them where these are equal.
 
         Args:
             rotations: (R, 3, 3).

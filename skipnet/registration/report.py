@@ -37,14 +37,22 @@ def poses_json(result: MultiviewResult, names: Sequence[str], seed: int) -> str:
     """``poses.json``: each scan's transform into the first's frame (null: no place), and the pairs.
 
     A pair's ``T_target_source`` maps scan number ``source`` into the frame of scan number
-    ``target``.
+    ``target``. ``rejected`` says that it contradicts more trusted pairs and had no say, and
+    ``closure_m`` how far the final poses put the scans from where the pair itself does (null:
+    not registered, or without a place).
     """
     scans = [
         {"path": name, "T_first_scan": T_first_scan}
         for name, T_first_scan in zip(names, result.T_first_scan, strict=True)
     ]
     pairs = [
-        {"target": target, "source": source, **_registration(pair)}
+        {
+            "target": target,
+            "source": source,
+            **_registration(pair),
+            "rejected": (target, source) in result.rejected,
+            "closure_m": result.closures_m.get((target, source)),
+        }
         for (target, source), pair in result.pairs.items()
     ]
     content = {
@@ -52,6 +60,7 @@ def poses_json(result: MultiviewResult, names: Sequence[str], seed: int) -> str:
         "reason": result.reason,
         "scans": scans,
         "pairs": pairs,
+        "timings_s": result.timings_s,
         "seed": seed,
         "versions": versions(),
     }
@@ -98,9 +107,17 @@ def scans_page(result: MultiviewResult, names: Sequence[str], png: bytes, seed: 
         for number, (name, T_first_scan) in enumerate(zip(names, result.T_first_scan, strict=True))
     ]
     pairs = [
-        (f"{source} into {target}", pair.status, f"{pair.confidence:.2f}", pair.reason)
-        for (target, source), pair in result.pairs.items()
+        (
+            f"{source} into {target}",
+            f"{pair.status}, rejected" if key in result.rejected else pair.status,
+            f"{pair.confidence:.2f}",
+            pair.reason,
+            f"{1000 * result.closures_m[key]:.1f}" if key in result.closures_m else "",
+        )
+        for key, pair in result.pairs.items()
+        for target, source in [key]
     ]
+    seconds = [(stage, f"{time_s:.3f}") for stage, time_s in result.timings_s.items()]
     return html.page(
         f"Registration of {len(names)} scans",
         html.status_banner(result.status, result.reason),
@@ -109,7 +126,15 @@ def scans_page(result: MultiviewResult, names: Sequence[str], png: bytes, seed: 
         html.paragraph(
             "x, y, z: the scan's origin in the frame of the first; empty where it found no place."
         ),
-        html.section("Pairs", html.table(["pair", "status", "confidence", "reason"], pairs)),
+        html.section(
+            "Pairs",
+            html.table(["pair", "status", "confidence", "reason", "closure (mm)"], pairs),
+            html.paragraph(
+                "closure: how far the final poses put the two scans from where the pair itself "
+                "does. rejected: the pair contradicts more trusted ones and had no say."
+            ),
+        ),
+        html.section("Time", html.table(["stage", "seconds"], seconds)),
         _footer(seed),
     )
 

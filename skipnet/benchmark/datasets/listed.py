@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from skipnet.benchmark.datasets.pairset import Listed
+from skipnet.geometry import invert
 
 PAIRS_FILE = "pairs.json"
 
@@ -29,8 +30,8 @@ def list_pairs(folder: Path) -> list[Listed]:
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))["pairs"]
         pairs = [_parse(entry, folder) for entry in entries]
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise ValueError(f'{path} is not a JSON object with a list "pairs": {error!r}') from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f'{path} is no JSON object with a list of "pairs": {error!r}') from error
     if not pairs:
         raise ValueError(f"{path} lists no pairs")
     return pairs
@@ -41,13 +42,16 @@ def _parse(entry: dict[str, Any], folder: Path) -> Listed:
     T_target_source = np.asarray(entry["T_target_source"], dtype=np.float64)
     if T_target_source.shape != (4, 4):
         raise ValueError(f"{name}: T_target_source must be 4x4, got shape {T_target_source.shape}")
+    if not np.allclose(T_target_source @ invert(T_target_source), np.eye(4), atol=1e-3):
+        raise ValueError(f"{name}: T_target_source must be a rigid motion, got {T_target_source}")
+    overlap = entry.get("overlap")
     return Listed(
         name=name,
         set_name=entry["set"],
         source=folder / entry["source"],
         target=folder / entry["target"],
         T_target_source=T_target_source,
-        overlap=entry.get("overlap"),
+        overlap=None if overlap is None else float(overlap),
         success_rotation_deg=float(entry["success_rotation_deg"]),
         success_translation_m=float(entry["success_translation_m"]),
     )

@@ -75,7 +75,7 @@ def make_method(adapter: str, options: Mapping[str, Any] | None = None) -> Metho
     """Build a method from its adapter's name and the options of that adapter.
 
     Raises:
-        ValueError: if the adapter or an option is unknown.
+        ValueError: if the adapter or an option is unknown, or an option's value of a wrong kind.
         ImportError: if the adapter's package is missing; the message has the pip command.
     """
     if adapter not in ADAPTERS:
@@ -83,7 +83,12 @@ def make_method(adapter: str, options: Mapping[str, Any] | None = None) -> Metho
     name = MODULE_OF_ADAPTER.get(adapter, adapter)
     make = importlib.import_module(f"skipnet.benchmark.methods.{name}").make
     _check_options(adapter, make, options or {})
-    method: Method = make(**(options or {}))
+    try:
+        method: Method = make(**(options or {}))
+    except TypeError as error:
+        raise ValueError(
+            f"adapter {adapter!r} cannot take {dict(options or {})}: {error}"
+        ) from error
     return method
 
 
