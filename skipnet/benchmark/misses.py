@@ -21,6 +21,7 @@ from skipnet.benchmark.metrics import measured_overlap, score_pose
 from skipnet.benchmark.predictions import Prediction, read_predictions
 from skipnet.benchmark.protocols import right_by_rule
 from skipnet.benchmark.runner import PREDICTIONS_FILE
+from skipnet.clouds.atomic import write_bytes
 from skipnet.config import EvaluateConfig, RegistrationConfig
 from skipnet.geometry import invert, transform_points
 from skipnet.learning.descriptor import correspond, load_descriptor
@@ -163,9 +164,8 @@ def main(folder: str) -> None:
     pictures = Path(folder) / "misses"
     print(f"| {' | '.join(HEADERS)} |\n|{'---|' * len(HEADERS)}")
     for miss in find_misses(Path(folder)):
-        pictures.mkdir(exist_ok=True)
         name = miss.pair.name.replace("/", "_").replace(", ", "_")
-        (pictures / f"{name}.png").write_bytes(png_bytes(miss.draw()))
+        write_bytes(pictures / f"{name}.png", png_bytes(miss.draw()))
         print(f"| {' | '.join(miss.row)} |", flush=True)
 
 

@@ -39,6 +39,7 @@ from skipnet.benchmark.tables import (
     table_2,
     verdict_table,
 )
+from skipnet.clouds.atomic import write_bytes, write_text
 from skipnet.registration.report import versions
 from skipnet.viz import html
 from skipnet.viz.pictures import png_bytes
@@ -86,9 +87,7 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
         "rows": entries,
     }
     write_scores(results.rows, folder / "scores.csv")
-    (folder / "summary.json").write_text(
-        json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8"
-    )
+    write_text(folder / "summary.json", json.dumps(summary, indent=1, allow_nan=False))
     tables = make_tables(results, entries)
     figures = draw_figures(results.rows, entries, results.labels)
     figures += draw_extremes(
@@ -99,10 +98,8 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
         results.worst,
     )
     pictures = write_figures(figures, folder / "figures")
-    (folder / "report.md").write_text(markdown(summary, tables, figures), encoding="utf-8")
-    (folder / "report.html").write_text(
-        html_page(summary, tables, figures, pictures), encoding="utf-8"
-    )
+    write_text(folder / "report.md", markdown(summary, tables, figures))
+    write_text(folder / "report.html", html_page(summary, tables, figures, pictures))
     write_events(results.about, results.rows, entries, tables, pictures, folder / "tensorboard")
     return summary
 
@@ -174,10 +171,9 @@ def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:
 
 def write_figures(figures: Sequence[ReportFigure], folder: Path) -> dict[str, bytes]:
     """Write each figure as NAME.png and return the same content by name."""
-    folder.mkdir(parents=True, exist_ok=True)
     pictures = {figure.name: png_bytes(figure.figure, colours=PNG_COLOURS) for figure in figures}
     for name, png in pictures.items():
-        (folder / f"{name}.png").write_bytes(png)
+        write_bytes(folder / f"{name}.png", png)
     return pictures
 
 

@@ -34,6 +34,7 @@ from skipnet.benchmark.predictions import (
 )
 from skipnet.benchmark.report import Results, write_report
 from skipnet.benchmark.scoring import Scorer, best_of_groups, choose_variants, score_predictions
+from skipnet.clouds.atomic import write_text
 from skipnet.config import EvaluateConfig
 from skipnet.types import FloatArray, Pair
 
@@ -103,7 +104,7 @@ def write_config(config: EvaluateConfig, path: Path) -> None:
     """The full configuration of the run, defaults included."""
     from omegaconf import OmegaConf
 
-    OmegaConf.save(OmegaConf.structured(config), path)
+    write_text(path, OmegaConf.to_yaml(OmegaConf.structured(config)))
 
 
 def predict(

@@ -17,6 +17,7 @@ from skipnet.benchmark.metrics import (
 )
 from skipnet.benchmark.predictions import Prediction, load_correspondences
 from skipnet.benchmark.protocols import right_by_rule
+from skipnet.clouds.atomic import replacing
 from skipnet.config import ProtocolKind
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import Pair
@@ -211,7 +212,7 @@ def _merit(rows: list[ScoreRow]) -> tuple[int, float]:
 def write_scores(rows: Sequence[ScoreRow], path: Path) -> None:
     """All rows as CSV, units in the headers, one column for each rule (empty: does not count)."""
     names = [field.name for field in fields(ScoreRow) if field.name != "right_by"]
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*names, *(f"right_{kind.name}" for kind in ProtocolKind)])
         for row in rows:

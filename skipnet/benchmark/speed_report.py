@@ -14,6 +14,7 @@ from skipnet.benchmark.figures import ReportFigure
 from skipnet.benchmark.report import html_page, markdown, run_versions, write_figures
 from skipnet.benchmark.speed_figures import draw_growth
 from skipnet.benchmark.tables import NOTHING, Table, number
+from skipnet.clouds.atomic import replacing, write_text
 from skipnet.config import EvaluateConfig
 from skipnet.viz.dashboard import log_png, log_scalars, open_dashboard
 
@@ -58,10 +59,9 @@ def write_speed_report(
     figures = [ReportFigure("times", caption, growth)]
     pictures = write_figures(figures, folder / "figures")
     text = json.dumps(summary, indent=1, allow_nan=False)
-    (folder / "summary.json").write_text(text, encoding="utf-8")
-    (folder / "report.md").write_text(markdown(summary, tables, figures), encoding="utf-8")
-    page = html_page(summary, tables, figures, pictures)
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    write_text(folder / "summary.json", text)
+    write_text(folder / "report.md", markdown(summary, tables, figures))
+    write_text(folder / "report.html", html_page(summary, tables, figures, pictures))
     _write_scores(summary["rows"], folder / "scores.csv")
     with open_dashboard(folder / "tensorboard") as writer:
         for row in summary["rows"]:
@@ -74,7 +74,7 @@ def write_speed_report(
 def _write_scores(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """One line per family, size and method, without the stages."""
     columns = [name for name in rows[0] if name != "stages_s"]
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with replacing(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
