@@ -221,6 +221,18 @@ def test_other_settings_do_not_reuse_answers(tmp_path):
     check_same_settings(path, [contestant("icp", local)])
 
 
+def test_settings_hash_sees_what_is_in_the_weights_file(tmp_path):
+    weights = tmp_path / "w.npz"
+    options = {"descriptor": "learned", "weights": str(weights)}
+    variants = {"mine": VariantConfig("matching", options=options), "icp": VariantConfig("icp")}
+    config = EvaluateConfig(variants=variants, methods=["mine", "icp"])
+    hashes = []
+    for content in (b"one", b"two"):
+        weights.write_bytes(content)
+        hashes.append([settings_hash(config, name) for name in ("mine", "icp")])
+    assert hashes[0][0] != hashes[1][0] and hashes[0][1] == hashes[1][1]
+
+
 def test_settings_hash_sees_what_an_answer_depends_on():
     config = EvaluateConfig()
     known = settings_hash(config, "icp_from_coarse")

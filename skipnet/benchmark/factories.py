@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,10 @@ from skipnet.benchmark.isolation import isolated
 from skipnet.benchmark.methods import Method, make_method
 from skipnet.benchmark.protocols import PROTOCOLS
 from skipnet.config import DatasetKind, EvaluateConfig, ProtocolKind
+from skipnet.learning.descriptor import SHIPPED_WEIGHTS
+
+LEARNED_ADAPTERS = ("skipnet", "matching")
+"""Those whose answers depend on weights."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +122,14 @@ def group_of(config: EvaluateConfig) -> dict[str, str]:
     return {name: group for name, group in groups.items() if group}
 
 
+def _weights_digest(adapter: str, options: Mapping[str, Any]) -> str:
+    """Hash of the weights' file that a method uses; empty for one that uses none."""
+    if adapter not in LEARNED_ADAPTERS:
+        return ""
+    content = Path(options.get("weights") or SHIPPED_WEIGHTS).read_bytes()
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
 def settings_hash(config: EvaluateConfig, method: str) -> str:
     """Hash of all settings that an answer of ``method`` depends on.
 
@@ -136,7 +149,9 @@ def settings_hash(config: EvaluateConfig, method: str) -> str:
     while chain[-1]["start_from"]:
         chain.append(asdict(config.variants[chain[-1]["start_from"]]))
     answers = [
-        {name: variant[name] for name in ("adapter", "start_from", "options")} for variant in chain
+        {name: variant[name] for name in ("adapter", "start_from", "options")}
+        | {"weights": _weights_digest(variant["adapter"], variant["options"])}
+        for variant in chain
     ]
     text = json.dumps([pairs, answers, config.time_limit_s, config.threads], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
