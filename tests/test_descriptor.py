@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from skipnet.benchmark.methods import Task, make_method
 from skipnet.clouds.formats import _READERS
-from skipnet.config import EvaluateConfig
+from skipnet.config import EvaluateConfig, TrainConfig
 from skipnet.features.cylinders import (
     SECTOR_SIZE,
     SECTORS,
@@ -25,6 +25,7 @@ from skipnet.features.cylinders import (
 )
 from skipnet.features.descriptors import mutual_nearest
 from skipnet.learning import dataset
+from skipnet.learning.class_head import fit_class_head, head_arrays, with_hidden
 from skipnet.learning.dataset import Samples
 from skipnet.learning.descriptor import (
     SHIPPED_WEIGHTS,
@@ -38,6 +39,7 @@ from skipnet.learning.descriptor import (
 from skipnet.learning.descriptor_network import (
     DescriptorNetwork,
     Similarities,
+    Strongest,
     Widths,
     contrastive_loss,
     hardest_loss,
@@ -71,8 +73,10 @@ from skipnet.learning.descriptor_training import (
     train_network,
 )
 from skipnet.learning.devices import find_device
+from skipnet.learning.network import PatchNetwork
 from skipnet.learning.optimizers import ScaledConjugateGradient
 from skipnet.learning.scores import confusion_matrix, macro_f1
+from skipnet.learning.training import EpochRecord
 from skipnet.simulation.pairs import simulate_pair
 from skipnet.types import FloatArray
 
@@ -137,14 +141,36 @@ def test_numpy_gives_what_torch_gives(patches: FloatArray) -> None:
     network = DescriptorNetwork(Widths()).eval()
     details = np.random.default_rng(1).random((len(patches), 125)).astype(np.float32)
     network.fit_scaling(torch.from_numpy(patches), torch.from_numpy(details))
+    head = PatchNetwork([24, 12], "gelu", beside=Widths().hidden).eval()
+    head.fit_scaling(torch.from_numpy(details), "standard")
     with torch.no_grad():
         hidden = network(torch.from_numpy(patches))
-        classes = network.classify(torch.from_numpy(details), hidden).softmax(dim=1)
+        classes = head(torch.cat([torch.from_numpy(details), hidden], dim=1)).softmax(dim=1)
         expected = (*network.describe(hidden), classes)
-    descriptor = Descriptor(network.arrays(), {})
+    descriptor = Descriptor(network.arrays() | head_arrays(head), {})
     found = (*descriptor.read(patches), descriptor.classify(details, patches))
     for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted.numpy(), atol=2e-5)
+
+
+def test_the_class_head_reads_cells_and_hidden_units(labelled: Samples, tmp_path: Path) -> None:
+    shared = load_descriptor()
+    inputs = with_hidden(labelled, shared)
+    np.testing.assert_array_equal(inputs.patches[:, :125], labelled.patches)
+    np.testing.assert_array_equal(inputs.patches[:, 125:], shared.hidden(labelled.surroundings))
+    options = {"_target_": "torch.optim.AdamW", "_partial_": True, "lr": 0.003}
+    config = TrainConfig(optimizer=options, epochs=40, batch_size=32)
+    losses: list[float] = []
+
+    def note(record: EpochRecord, network: PatchNetwork) -> None:
+        losses.append(record.training_loss)
+
+    head = fit_class_head(config, inputs, inputs, note, tmp_path / "checkpoint.pt")
+    assert losses[-1] < 0.5 * losses[0]
+    learned = Descriptor(shared.weights | head, {})
+    np.testing.assert_array_equal(learned(labelled.surroundings), shared(labelled.surroundings))
+    right = predict(learned, labelled) == labelled.labels
+    assert right.mean() > 0.9  # of what it learned by heart
 
 
 def test_waves_give_what_all_cyclic_orders_give(patches: FloatArray) -> None:
@@ -246,6 +272,14 @@ def test_true_correspondences_lie_at_one_place(two_scans: TwoScans) -> None:
     assert inlier_ratio(two_scans, rows_s, rows_t) == 1.0
     assert inlier_ratio(two_scans, rows_s, np.roll(rows_t, len(rows_t) // 2)) < 0.05
     assert inlier_ratio(two_scans, rows_s[:0], rows_t[:0]) == 0.0
+
+
+def test_equal_responses_share_the_gradient_of_the_strongest() -> None:
+    responses = torch.tensor([[1.0, 2.0], [3.0, 2.0], [3.0, 0.0]]).requires_grad_()
+    for strongest in (Strongest.apply(responses), responses.amax(dim=0)):
+        (gradient,) = torch.autograd.grad(strongest, responses, torch.tensor([1.0, 3.0]))
+        expected = torch.tensor([[0.0, 1.5], [0.5, 1.5], [0.5, 0.0]])
+        torch.testing.assert_close(gradient, expected, rtol=0, atol=0)
 
 
 def alike(far: torch.Tensor, descriptors: torch.Tensor | None = None) -> Similarities:
@@ -489,8 +523,9 @@ def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
     assert card["scores"]["classes"]["both heads"] == both
     assert both["voxels"] == alone["voxels"] > 1000
     events = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
-    for scalar in ("inlier_ratio", "matched_pairs", "macro_f1"):
+    for scalar in ("inlier_ratio", "matched_pairs"):
         assert len(events.Scalars(f"{scalar}/validation")) == 2, scalar
+    assert events.Scalars("classes/macro_f1/validation")
     assert list((tmp_path / "tensorboard").rglob("metadata.tsv"))
 
 

@@ -125,6 +125,9 @@ def test_a_sweep_writes_one_folder_per_run(tmp_path: Path) -> None:
         ("data.families=[papre_room]", "paper_room"),
         ("descriptor.families=[teraain]", "terrain"),
         ("data.training_scenes=2000", "1 to 1000"),
+        ("hidden_sizes=[50]", "two sizes, or network=classes"),
+        ("activation=tanh", "gelu, or network=classes"),
+        ("descriptor.hidden_dropout=1", "0 or more and below 1"),
     ],
 )
 def test_bad_options_are_one_line_and_exit_code_2(

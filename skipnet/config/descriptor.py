@@ -105,6 +105,9 @@ class DescriptorTrainConfig:
     """Units that read the five sectors together."""
     output_units: int = 32
     """Numbers of a descriptor."""
+    hidden_dropout: float = 0.3
+    """Share of the hidden units that the class head, when it learns by itself, has to do without:
+    they know the training scenes too well."""
     validate_every: int = 250
     """Steps between validations; at each a checkpoint is written, from which a run resumes."""
     patience: int = 5
@@ -125,4 +128,6 @@ class DescriptorTrainConfig:
         require(per_step >= least, "descriptor.patches_per_step", per_step, f"{least} or more")
         for name in ("class_weight", "temperature"):
             require(getattr(self, name) > 0, f"descriptor.{name}", getattr(self, name), "above 0")
+        share = self.hidden_dropout
+        require(0 <= share < 1, "descriptor.hidden_dropout", share, "0 or more and below 1")
         require(self.patience >= 0, "descriptor.patience", self.patience, "0 or more")

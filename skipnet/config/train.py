@@ -182,5 +182,10 @@ class TrainConfig:
             require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
         require("_target_" in self.optimizer, "optimizer", self.optimizer, "a torch optimiser")
         require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
-        shippable = self.network is NetworkKind.two_heads
-        require(shippable or not self.ship, "ship", self.ship, "false, or network=two_heads")
+        two_heads = self.network is NetworkKind.two_heads
+        require(two_heads or not self.ship, "ship", self.ship, "false, or network=two_heads")
+        if two_heads:
+            require(len(sizes) == 2, "hidden_sizes", sizes, "two sizes, or network=classes")
+            activation = self.activation
+            allowed = activation is Activation.gelu
+            require(allowed, "activation", activation.value, "gelu, or network=classes")

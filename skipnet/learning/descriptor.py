@@ -39,8 +39,10 @@ KEPT_SHARE = 0.6
 """Of these, the most matchable are matched: the others give far more wrong matches than right."""
 _CHUNK = 256
 """Voxels that the network reads at a time: what it computes stays in the processor's cache."""
-LAYERS = ("sector", "mixing", "output", "matchable", "detail", "joint", "classes")
-"""Names of the network's linear layers, in order; each stores NAME_weight and NAME_bias."""
+SHARED_LAYERS = ("sector", "mixing", "output", "matchable")
+"""Linear layers of the descriptor; the first two give hidden units, which the classes read too."""
+CLASS_LAYERS = ("detail", "joint", "classes")
+"""Linear layers of the class head. Of each layer NAME_weight and NAME_bias are stored."""
 
 
 def cyclic_basis() -> FloatArray:
@@ -83,7 +85,7 @@ class Descriptor:
         Raises:
             ValueError: patches of another shape.
         """
-        hidden = self._hidden(patches)
+        hidden = self.hidden(patches)
         described = self._layer("output", hidden)
         described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
         return described, self._layer("matchable", hidden)[:, 0]
@@ -104,20 +106,20 @@ class Descriptor:
         if details.shape != (len(patches), PATCH_SIZE):
             expected = (len(patches), PATCH_SIZE)
             raise ValueError(f"details must be {expected}, got {details.shape}")
-        detail = _rectify(self._layer("detail", details))
-        joint = np.concatenate([detail, self._hidden(patches)], axis=1)
-        logits = self._layer("classes", _rectify(self._layer("joint", joint)))
+        detail = _gelu(self._layer("detail", details))
+        joint = np.concatenate([detail, self.hidden(patches)], axis=1)
+        logits = self._layer("classes", _gelu(self._layer("joint", joint)))
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
         return odds / odds.sum(axis=1, keepdims=True)
 
-    def _hidden(self, patches: FloatArray) -> FloatArray:
-        """(K, H) what both heads read, a few voxels at a time."""
+    def hidden(self, patches: FloatArray) -> FloatArray:
+        """(K, H) what both heads read of (K, 5, 100) patches, a few voxels at a time."""
         if patches.ndim != 3 or patches.shape[1:] != (SECTORS, SECTOR_SIZE):
             raise ValueError(f"patches must be (K, {SECTORS}, {SECTOR_SIZE}), got {patches.shape}")
         hidden = np.empty((len(patches), len(self.weights["mixing_bias"])), dtype=np.float32)
         for start in range(0, len(patches), _CHUNK):
             chunk = slice(start, start + _CHUNK)
-            hidden[chunk] = self._hidden_of_few(patches[chunk])
+            hidden[chunk] = self._hidden_of_few(patches[chunk].astype(np.float32, copy=False))
         return hidden
 
     def _hidden_of_few(self, patches: FloatArray) -> FloatArray:
@@ -160,6 +162,13 @@ class Descriptor:
 def _rectify(values: FloatArray) -> FloatArray:
     """Zero in place of what is negative, in place."""
     return np.maximum(values, 0, out=values)
+
+
+def _gelu(values: FloatArray) -> FloatArray:
+    """x times the share of a normal distribution below it (Hendrycks & Gimpel, 1606.08415)."""
+    from scipy.special import ndtr
+
+    return values * ndtr(values)
 
 
 def describe_keypoints(
@@ -229,6 +238,11 @@ def correspond(
     return rows_s[of_source], rows_t[of_target], distance
 
 
+def rounded(weights: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """The float32 weights that a file of float16 gives back."""
+    return {name: array.astype(np.float16).astype(np.float32) for name, array in weights.items()}
+
+
 def save_descriptor(descriptor: Descriptor, path: Path) -> None:
     """Write the weights, in float16, to ``path`` (.npz) and the card beside them (.json)."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -250,7 +264,9 @@ def load_descriptor(path: Path = SHIPPED_WEIGHTS) -> Descriptor:
             raise FileNotFoundError(f"no file of the network {file}; python train.py writes one")
     with np.load(path, allow_pickle=False) as arrays:
         weights = {name: arrays[name].astype(np.float32) for name in arrays.files}
-    expected = {f"{layer}_{kind}" for layer in LAYERS for kind in ("weight", "bias")}
+    expected = {
+        f"{layer}_{kind}" for layer in SHARED_LAYERS + CLASS_LAYERS for kind in ("weight", "bias")
+    }
     if set(weights) != expected:
         raise ValueError(f"{path} holds {sorted(weights)}, expected {sorted(expected)}")
     return Descriptor(weights, json.loads(card_path.read_text()))

@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
 from skipnet.learning import descriptor_reports as reporting
 from skipnet.learning import descriptor_scores as judging
 from skipnet.learning import reports
+from skipnet.learning.class_head import fit_class_head, with_hidden
 from skipnet.learning.dataset import Samples, make_samples
 from skipnet.learning.descriptor import (
     KEPT_SHARE,
@@ -26,6 +28,7 @@ from skipnet.learning.descriptor import (
     SHIPPED_WEIGHTS,
     Descriptor,
     load_descriptor,
+    rounded,
     save_descriptor,
 )
 from skipnet.learning.descriptor_network import DescriptorNetwork, Widths
@@ -47,6 +50,7 @@ from skipnet.learning.network import Classifier, classify, round_to_half
 from skipnet.learning.scores import score, table_rows
 from skipnet.processes import Each, mapping, worker_pool
 from skipnet.simulation.scenes import check_families
+from skipnet.types import FloatArray
 from skipnet.viz import dashboard
 
 if TYPE_CHECKING:
@@ -54,7 +58,7 @@ if TYPE_CHECKING:
 
 FIRST_SEED = {"training": 0, "validation": 10_000, "test": 20_000}
 """Scenes of the three sets never share a seed."""
-CHECKPOINT = "checkpoint.pt"
+CHECKPOINT, CLASSES_CHECKPOINT = "checkpoint.pt", "classes_checkpoint.pt"
 
 
 @dataclass(frozen=True)
@@ -91,19 +95,14 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
     reports.write_config(config, folder / "config.yaml")
     start_s = time.perf_counter()
     sets = make_sets(config)
-    seconds = {"data": time.perf_counter() - start_s}
+    data_s = time.perf_counter()
     with dashboard.open_dashboard(folder / "tensorboard") as writer:
-        # The network learns on one processor: meanwhile another simulates what it is judged on.
-        with worker_pool(1) as aside:
-            to_come = aside.submit(make_unseen, config)
-            outcome = fit(config, sets, writer, device)
-            seconds["training"] = time.perf_counter() - start_s - seconds["data"]
-            unseen = to_come.result()
-        path = folder / "descriptor.npz"
+        outcome, weights, unseen, scores = learn(config, sets, writer, device)
+        trained_s = time.perf_counter()
         card = make_card(config, sets.lessons, outcome)
-        save_descriptor(Descriptor(outcome.network.arrays(), card), path)
+        path = folder / "descriptor.npz"
+        save_descriptor(Descriptor(weights, card), path)
         descriptor = load_descriptor(path)  # judged as it will be used: rounded
-        scores = reporting.judge_on_unseen(descriptor, unseen.scans)
         classes = {"both heads": judge_classes(config, descriptor, unseen.classes)}
         if config.compare_alone:
             classes["classes alone"] = classes_alone(config, sets, unseen.classes)
@@ -120,12 +119,35 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         "reached": reached(outcome),
         "unseen": scores,
         "classes": classes,
-        "seconds": seconds,
+        "seconds": {
+            "data": data_s - start_s,
+            "training": trained_s - data_s,
+            "judging": time.perf_counter() - trained_s,
+        },
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
     tables = reporting.markdown_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
     (folder / "scores.md").write_text(tables)
     return summary
+
+
+def learn(
+    config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device
+) -> tuple[Outcome, dict[str, FloatArray], Unseen, dict[str, dict[str, dict[str, float]]]]:
+    """Train the descriptor, then the classes, on one processor; another does all that can wait.
+
+    Returns:
+        What the descriptor's training reached, the weights of the whole network, the scenes to
+        judge it on, simulated meanwhile, and the descriptor's scores on them.
+    """
+    with worker_pool(1) as aside:
+        to_come = aside.submit(make_unseen, config)
+        outcome = fit(config, sets, writer, device)
+        unseen = to_come.result()
+        shared = Descriptor(rounded(outcome.network.arrays()), {})
+        judged = aside.submit(reporting.judge_on_unseen, shared, unseen.scans)
+        head = fit_classes(config, sets, shared, writer)
+        return outcome, shared.weights | head, unseen, judged.result()
 
 
 def make_sets(config: TrainConfig) -> Sets:
@@ -179,12 +201,13 @@ def recipe(options: AugmentationConfig) -> Recipe:
 
 
 def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device) -> Outcome:
-    """Train the network that the options ask for."""
+    """Train the shared layers and the descriptor."""
     from hydra.utils import instantiate
 
     options = config.descriptor
     torch.manual_seed(config.seed)
-    widths = Widths(options.sector_units, options.hidden_units, options.output_units)
+    shared = options.sector_units, options.hidden_units, options.output_units
+    widths = Widths(*shared, *config.hidden_sizes)
     network = DescriptorNetwork(widths, config.dropout)
     unseen = [judging.Keypoints.of(scans) for scans in sets.validation]
     return train_network(
@@ -193,10 +216,22 @@ def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.de
         instantiate(config.optimizer),
         schedule(options),
         config.seed,
-        reporting.Progress(writer, unseen, sets.validation_classes).watch(),
+        reporting.Progress(writer, unseen).watch(),
         Path(config.output_dir) / CHECKPOINT,
         device,
     )
+
+
+def fit_classes(
+    config: TrainConfig, sets: Sets, shared: Descriptor, writer: SummaryWriter
+) -> dict[str, FloatArray]:
+    """Train the class head upon the shared layers."""
+    training, validation = (
+        with_hidden(samples, shared) for samples in (sets.lessons.labelled, sets.validation_classes)
+    )
+    on_epoch = partial(reports.log_epoch, writer, validation, group="classes/")
+    checkpoint = Path(config.output_dir) / CLASSES_CHECKPOINT
+    return fit_class_head(config, training, validation, on_epoch, checkpoint)
 
 
 def schedule(options: DescriptorTrainConfig) -> Schedule:

@@ -12,7 +12,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy,
 
 from skipnet.features.cylinders import SECTOR_SIZE, SECTORS
 from skipnet.features.patches import PATCH_SIZE
-from skipnet.learning.descriptor import LAYERS, MEAN_GAIN, PLANE_GAIN, cyclic_basis
+from skipnet.learning.descriptor import MEAN_GAIN, PLANE_GAIN, SHARED_LAYERS, cyclic_basis
 from skipnet.types import FeatureClass, FloatArray
 
 _MASKED = -1e4
@@ -33,7 +33,7 @@ class Widths:
     """What the classes read of both."""
 
 
-class _Strongest(torch.autograd.Function):
+class Strongest(torch.autograd.Function):
     """``amax`` over the first axis, with its gradient; torch's own takes three times as long."""
 
     @staticmethod
@@ -52,7 +52,10 @@ class _Strongest(torch.autograd.Function):
 
 
 class DescriptorNetwork(nn.Module):
-    """The network of ``skipnet.learning.descriptor.Descriptor`` in torch.
+    """The network of ``skipnet.learning.descriptor.Descriptor`` in torch, while all of it learns.
+
+    What reads the classes here lets them shape the hidden units; the class head that is kept learns
+    from these when they have settled (``class_head``).
 
     Args:
         widths: units of its layers.
@@ -105,7 +108,7 @@ class DescriptorNetwork(nn.Module):
             responses.append(both @ torch.cat([mixing[k], mixing[k + 1]]))
             responses.append(both @ torch.cat([mixing[k + 1], -mixing[k]]))
         orders = (self.basis.T @ torch.stack(responses).flatten(1)).view(SECTORS, len(patches), -1)
-        return torch.relu(_Strongest.apply(orders) + self.mixing.bias)
+        return torch.relu(Strongest.apply(orders) + self.mixing.bias)
 
     def describe(self, hidden: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(N, H) hidden units to (N, D) descriptors of length 1 and (N,) logits of matchability.
@@ -121,19 +124,33 @@ class DescriptorNetwork(nn.Module):
         return self.classes(self.dropout(torch.relu(self.joint(both))))
 
     def arrays(self) -> dict[str, FloatArray]:
-        """The weights as ``Descriptor`` takes them, the scaling of the inputs folded in."""
-        weights: dict[str, FloatArray] = {}
-        for name in LAYERS:
-            layer: nn.Linear = getattr(self, name)
-            weights[f"{name}_weight"] = layer.weight.detach().cpu().numpy().T.copy()
-            weights[f"{name}_bias"] = layer.bias.detach().cpu().numpy().copy()
-        for name, scaled in (("sector", "input"), ("detail", "detail")):
-            mean, gain = (
-                getattr(self, f"{scaled}_{what}").cpu().numpy() for what in ("mean", "gain")
-            )
-            weights[f"{name}_weight"] *= gain[:, None]
-            weights[f"{name}_bias"] -= mean @ weights[f"{name}_weight"]
-        return weights
+        """The shared layers as ``Descriptor`` takes them."""
+        arrays: dict[str, FloatArray] = {}
+        for name in SHARED_LAYERS:
+            arrays |= layer_arrays(name, getattr(self, name))
+        return arrays | layer_arrays("sector", self.sector, self.input_mean, self.input_gain)
+
+
+def layer_arrays(
+    name: str,
+    layer: nn.Linear,
+    offset: torch.Tensor | None = None,
+    gain: torch.Tensor | None = None,
+) -> dict[str, FloatArray]:
+    """Weight and bias of a layer as ``Descriptor`` takes them.
+
+    Args:
+        name: of the layer.
+        layer: in torch.
+        offset: of its inputs, (I,): their scaling by offset and gain is folded in; None for none.
+        gain: (I,), applied after the offset was taken off.
+    """
+    weight = layer.weight.detach().cpu().numpy().T.copy()
+    bias = layer.bias.detach().cpu().numpy().copy()
+    if offset is not None and gain is not None:
+        weight *= gain.cpu().numpy()[:, None]
+        bias -= offset.cpu().numpy() @ weight
+    return {f"{name}_weight": weight, f"{name}_bias": bias}
 
 
 @dataclass(frozen=True)

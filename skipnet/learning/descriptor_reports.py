@@ -15,7 +15,6 @@ from skipnet.learning.descriptor import Descriptor
 from skipnet.learning.descriptor_network import DescriptorNetwork
 from skipnet.learning.descriptor_pairs import PatchPairs, TwoScans
 from skipnet.learning.descriptor_training import Watch
-from skipnet.learning.scores import confusion_matrix, macro_f1
 from skipnet.types import IntArray
 from skipnet.viz import dashboard
 
@@ -33,7 +32,6 @@ class Progress:
 
     writer: SummaryWriter
     unseen: Sequence[judging.Keypoints]
-    classes: Samples
 
     def watch(self) -> Watch:
         """What ``train_network`` reports to."""
@@ -49,11 +47,9 @@ class Progress:
         descriptor = Descriptor(network.arrays(), {})
         ratios = np.array([keypoints.inlier_ratio(descriptor) for keypoints in self.unseen])
         matched = (ratios >= judging.ENOUGH_INLIERS).mean()
-        counts = confusion_matrix(self.classes.labels, predict(descriptor, self.classes))
         values = {
             "inlier_ratio/validation": float(ratios.mean()),
             "matched_pairs/validation": float(matched),
-            "macro_f1/validation": macro_f1(counts),
         }
         dashboard.log_scalars(self.writer, values, step)
         return float(ratios.mean())
@@ -80,8 +76,7 @@ def judge_on_unseen(
 
 def predict(descriptor: Descriptor, samples: Samples) -> IntArray:
     """(N,) the most probable class."""
-    surroundings = samples.surroundings.astype(np.float32)
-    return descriptor.classify(samples.patches, surroundings).argmax(axis=1)
+    return descriptor.classify(samples.patches, samples.surroundings).argmax(axis=1)
 
 
 def log_embeddings(

@@ -1,7 +1,8 @@
-"""Train both heads: patches of one place shall be nearer than others, and classes be told apart.
+"""Train the descriptor: patches of one place shall be nearer than others, and classes told apart.
 
 Each step shows the network pairs of patches of the same places, and labelled patches of other
-scenes; what the two have in common is learned from both.
+scenes; what the two have in common is learned from both, and here only the descriptor is finished
+(``class_head``).
 
 Training can be interrupted: what it needs to go on is in one checkpoint, and a run that was stopped
 and resumed ends with the same weights, to the bit, as one that was not.

@@ -19,6 +19,7 @@ from skipnet.learning.dataset import Recipe, Samples, make_samples, thin
 from skipnet.learning.devices import find_device
 from skipnet.learning.labels import LabelRule
 from skipnet.learning.network import (
+    PATCH_SIZE,
     Classifier,
     PatchNetwork,
     classify,
@@ -176,11 +177,17 @@ def train_classifier(
     on_epoch: Callable[[EpochRecord, PatchNetwork], None] | None = None,
     checkpoint: Path | None = None,
 ) -> tuple[PatchNetwork, TrainingOutcome]:
-    """Train a network for the classes alone."""
+    """Train a network for the classes; beside its 125 cells a sample may have further inputs."""
     from hydra.utils import instantiate
 
     torch.manual_seed(config.seed)
-    network = PatchNetwork(config.hidden_sizes, config.activation.value, config.dropout)
+    network = PatchNetwork(
+        config.hidden_sizes,
+        config.activation.value,
+        config.dropout,
+        beside=training.patches.shape[1] - PATCH_SIZE,
+        beside_dropout=config.descriptor.hidden_dropout,
+    )
     if config.double_precision:
         network.double()
     fitted, watched = (

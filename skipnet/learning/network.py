@@ -24,13 +24,16 @@ ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "gelu": nn.GELU}
 class PatchNetwork(nn.Module):
     """125 inputs, hidden layers, five outputs; one hidden layer of 50 units is the paper's network.
 
-    The scaling of the inputs belongs to the network and is stored with its weights.
+    The scaling of these inputs belongs to the network and is stored with its weights. What else is
+    known of a voxel, beside its 125 cells, joins them after the first hidden layer, as it is.
 
     Args:
         hidden_sizes: units per hidden layer.
         activation: of the hidden units, "tanh" (MATLAB's tansig) or "gelu".
         dropout: share of the hidden units that training leaves out at random.
         outputs: number of classes.
+        beside: further inputs.
+        beside_dropout: share of these that training leaves out at random.
 
     Raises:
         ValueError: no hidden units, or an unknown activation.
@@ -45,17 +48,20 @@ class PatchNetwork(nn.Module):
         activation: str = "tanh",
         dropout: float = 0.0,
         outputs: int = len(FeatureClass),
+        beside: int = 0,
+        beside_dropout: float = 0.0,
     ) -> None:
         super().__init__()
         if not hidden_sizes or min(hidden_sizes) < 1:
             raise ValueError(f"hidden_sizes must name positive layer sizes, got {hidden_sizes}")
         if activation not in ACTIVATIONS:
             raise ValueError(f"activation is {activation!r}; expected {' or '.join(ACTIVATIONS)}")
-        sizes = (PATCH_SIZE, *hidden_sizes)
+        inputs = [PATCH_SIZE, hidden_sizes[0] + beside, *hidden_sizes[1:]]
         layers: list[nn.Module] = []
-        for inputs, units in zip(sizes, sizes[1:], strict=False):
-            layers += [nn.Linear(inputs, units), ACTIVATIONS[activation](), nn.Dropout(dropout)]
-        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], outputs))
+        for size, units in zip(inputs, hidden_sizes, strict=False):
+            layers += [nn.Linear(size, units), ACTIVATIONS[activation](), nn.Dropout(dropout)]
+        self.layers = nn.Sequential(*layers, nn.Linear(inputs[-1], outputs))
+        self.beside_dropout = nn.Dropout(beside_dropout)
         self.register_buffer("input_offset", torch.zeros(PATCH_SIZE))
         self.register_buffer("input_gain", torch.ones(PATCH_SIZE))
 
@@ -63,7 +69,7 @@ class PatchNetwork(nn.Module):
         """Take offset and gain of every input from (N, 125) training patches.
 
         Args:
-            patches: what the network will be trained on.
+            patches: what the network will be trained on; further columns stay as they are.
             scaling: "minmax" to [-1, 1] as MATLAB's ``mapminmax``, or "standard" to mean 0 and
                 standard deviation 1. An input that never changes gets gain 0 either way, which is
                 the same as leaving it out (MATLAB's ``removeconstantrows``).
@@ -71,6 +77,7 @@ class PatchNetwork(nn.Module):
         Raises:
             ValueError: another scaling.
         """
+        patches = patches[:, :PATCH_SIZE]
         low, high = patches.amin(dim=0), patches.amax(dim=0)
         if scaling == "minmax":
             offset, unit = (high + low) / 2, (high - low) / 2
@@ -82,8 +89,10 @@ class PatchNetwork(nn.Module):
         self.input_gain.copy_(torch.where(high > low, 1 / unit.clamp_min(1e-6), 0.0))
 
     def forward(self, patches: torch.Tensor) -> torch.Tensor:
-        """(N, 125) patches to (N, 5) logits; their softmax is the paper's output layer."""
-        return self.layers((patches - self.input_offset) * self.input_gain)
+        """(N, 125 + B) inputs to (N, 5) logits; their softmax is the paper's output layer."""
+        cells, beside = patches[:, :PATCH_SIZE], patches[:, PATCH_SIZE:]
+        units = self.layers[:3]((cells - self.input_offset) * self.input_gain)
+        return self.layers[3:](torch.cat([units, self.beside_dropout(beside)], dim=1))
 
 
 @dataclass(frozen=True)

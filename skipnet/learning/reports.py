@@ -50,9 +50,16 @@ def write_config(config: TrainConfig, path: Path) -> None:
 
 
 def log_epoch(
-    writer: SummaryWriter, validation: Samples, record: EpochRecord, network: PatchNetwork
+    writer: SummaryWriter,
+    validation: Samples,
+    record: EpochRecord,
+    network: PatchNetwork,
+    group: str = "",
 ) -> None:
-    """Losses; on the validation set accuracy, F1, recalls and, now and then, the matrix."""
+    """Losses; on the validation set accuracy, F1, recalls and, now and then, the matrix.
+
+    ``group`` comes before every name, to tell them from those of another training in one folder.
+    """
     like = network.input_gain
     patches = torch.as_tensor(validation.patches, dtype=like.dtype, device=like.device)
     with torch.no_grad():
@@ -66,10 +73,11 @@ def log_epoch(
         "macro_f1/validation": macro_f1(counts),
         **{f"recall/{name}": float(r) for name, r in zip(CLASS_NAMES, recalls, strict=True)},
     }
+    values = {f"{group}{name}": value for name, value in values.items()}
     dashboard.log_scalars(writer, values, record.epoch)
     if record.epoch % _DRAWN_EPOCHS == 0 and record.epoch <= 10 * _DRAWN_EPOCHS:
         figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)
-        dashboard.log_figure(writer, "confusion/validation", figure, record.epoch)
+        dashboard.log_figure(writer, f"{group}confusion/validation", figure, record.epoch)
 
 
 def log_results(
