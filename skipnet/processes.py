@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
 
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+"""Of mallopt(3): how much freed memory is kept, and from which size on none is."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Each = Callable[..., Iterator[Any]]
 """``map``, or what does the same in other processes."""
+
+
+def keep_freed_memory() -> None:
+    """Let this process use freed memory again, where the C library can be told to (glibc).
+
+    Left alone, it gives large blocks back to the system at once and gets the next ones anew, page
+    after page and cleared: a tenth of a training step.
+    """
+    if sys.platform == "linux" and (tell := getattr(ctypes.CDLL(None), "mallopt", None)):
+        for option, most_bytes in ((M_MMAP_THRESHOLD, 32 << 20), (M_TRIM_THRESHOLD, 1 << 30)):
+            tell(option, most_bytes)
 
 
 @contextmanager

@@ -31,6 +31,7 @@ from skipnet.learning.descriptor_network import (
 from skipnet.learning.descriptor_pairs import PatchPairs, digest
 from skipnet.learning.devices import CPU
 from skipnet.learning.optimizers import ScaledConjugateGradient
+from skipnet.processes import keep_freed_memory
 from skipnet.types import FloatArray
 
 FAR_VOXELS = 4.0
@@ -133,6 +134,7 @@ def train_network(
             f"a step takes {schedule.scans_per_step} pairs of scans, but only "
             f"{len(lessons.pairs)} are there; simulate more"
         )
+    keep_freed_memory()
     torch.set_num_threads(1)  # the order in which threads add up would show in the last bits
     run = _Run(lessons, network, make_optimizer, schedule, seed, device)
     if checkpoint is not None and checkpoint.exists():
