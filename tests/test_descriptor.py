@@ -537,5 +537,5 @@ def test_the_shipped_card_says_where_the_weights_come_from() -> None:
     assert card["scores"]["learned"]["pairs"] > 0
     both, alone = (card["scores"]["classes"][name] for name in ("both heads", "classes alone"))
     assert both["voxels"] == alone["voxels"]
-    assert both["macro_f1"] > alone["macro_f1"] - 0.005
+    assert both["macro_f1"] > alone["macro_f1"]  # the class head loses nothing
     assert SHIPPED_WEIGHTS.stat().st_size < 200_000
