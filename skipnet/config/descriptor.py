@@ -77,15 +77,15 @@ class DescriptorTrainConfig:
     """Simulated families, taken in turn (``skipnet.simulation.scenes.FAMILIES``)."""
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     """How their scans are taken and spoilt; also those of validation and test."""
-    training_pairs: int = 420
+    training_pairs: int = 400
     """Pairs of scans with seeds from 0."""
     validation_pairs: int = 16
     """Pairs of scans with seeds from 10000."""
-    test_pairs: int = 32
+    test_pairs: int = 16
     """Pairs of scans with seeds from 20000, for the scores."""
     patches_per_scans: int = 600
     """Pairs of patches drawn from one pair of scans."""
-    steps: int = 2500
+    steps: int = 2000
     """Steps of the optimiser at most."""
     scans_per_step: int = 2
     """Pairs of scans whose patches meet in one step."""

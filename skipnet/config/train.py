@@ -73,11 +73,11 @@ class DataConfig:
     """The definition of the classes."""
     split: Split = Split.by_scene
     """by_scene, or random: 70 % training, 15 % validation, 15 % test of the same scenes' voxels."""
-    training_scenes: int = 160
+    training_scenes: int = 130
     """Scenes with seeds from 0, two scans each."""
     validation_scenes: int = 15
     """Scenes with seeds from 1000; unused by split=random."""
-    test_scenes: int = 40
+    test_scenes: int = 20
     """Scenes with seeds from 2000, never seen in training, whatever the split."""
     most_per_class: int = 150
     """Training and validation voxels kept of each class and scan; the test keeps all."""

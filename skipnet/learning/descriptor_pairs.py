@@ -30,7 +30,9 @@ SAME_PLACE_VOXELS = 0.7
 SAME_PLACE_COSINE = 0.8
 """... their normals differ by less than the angle of this cosine."""
 MIN_POINTS = 3000
-"""A scan with fewer points left teaches nothing."""
+"""A scan with fewer points teaches nothing ..."""
+MIN_POINTS_LEFT = 300
+"""... nor one with fewer left when it has been thinned out and torn."""
 MIN_CORRESPONDENCES = 100
 
 
@@ -157,7 +159,7 @@ def simulate_two_scans(family: str, seed: int, recipe: Recipe = Recipe()) -> Two
     kind = rng.choice([*kinds, "dome"], p=chances)
     # Of a camera's beams its narrow view keeps a tenth or two.
     few_or_many = int(rng.choice([60_000, 200_000, 400_000]))
-    beams = {"rings": None, "camera": 800_000}.get(kind, few_or_many)
+    beams = {"rings": None, "camera": 500_000}.get(kind, few_or_many)
     scanner = "rings" if kind == "rings" else "terrestrial"
     scans, _ = simulate_scans(family, seed, 4 if kind == "fused" else 2, scanner, "any", beams)
     T_target_source = invert(scans[0].T_world_sensor) @ scans[1].T_world_sensor
@@ -170,6 +172,8 @@ def simulate_two_scans(family: str, seed: int, recipe: Recipe = Recipe()) -> Two
     voxel_size_m = usual_m * 2 ** rng.uniform(-recipe.voxel_octaves, recipe.voxel_octaves)
     noise_m = voxel_size_m * rng.choice(recipe.noise_voxels)
     spoilt_m = [_spoil(cloud_m, voxel_size_m, noise_m, recipe, rng) for cloud_m in clouds_m]
+    if min(len(cloud_m) for cloud_m in spoilt_m) < MIN_POINTS_LEFT:
+        return None
     viewpoint_m = None if kind == "fused" else np.zeros(3)
     target, source = (build_skipmap(cloud_m, voxel_size_m, viewpoint_m) for cloud_m in spoilt_m)
     return TwoScans(source, target, T_target_source, oriented=kind != "fused")

@@ -29,7 +29,7 @@ from skipnet.learning.descriptor_network import (
     matchability_loss,
 )
 from skipnet.learning.descriptor_pairs import PatchPairs, digest
-from skipnet.learning.devices import CPU
+from skipnet.learning.devices import CPU, fixed_threads
 from skipnet.learning.optimizers import ScaledConjugateGradient
 from skipnet.processes import keep_freed_memory
 from skipnet.types import FloatArray
@@ -135,18 +135,18 @@ def train_network(
             f"{len(lessons.pairs)} are there; simulate more"
         )
     keep_freed_memory()
-    torch.set_num_threads(1)  # the order in which threads add up would show in the last bits
     run = _Run(lessons, network, make_optimizer, schedule, seed, device)
     if checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
-    while run.stop_reason is None:
-        loss = run.advance()
-        watch.on_step(run.step, loss)
-        if run.step % schedule.validate_every == 0 or run.step == schedule.steps:
-            run.judge(watch.score(run.step, run.network.eval()))
-            run.network.train()
-            if checkpoint is not None:
-                run.save(checkpoint)
+    with fixed_threads():
+        while run.stop_reason is None:
+            loss = run.advance()
+            watch.on_step(run.step, loss)
+            if run.step % schedule.validate_every == 0 or run.step == schedule.steps:
+                run.judge(watch.score(run.step, run.network.eval()))
+                run.network.train()
+                if checkpoint is not None:
+                    run.save(checkpoint)
     run.network.load_state_dict(run.best_weights)
     return Outcome(run.network.eval(), run.stop_reason, run.best_step, run.best_score)
 

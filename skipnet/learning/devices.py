@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 
 CPU = torch.device("cpu")
+THREADS = 2
+"""Threads of a training, whatever the machine has: their number decides in which order they add up,
+and so the last bits."""
 
 
 def find_device(name: str) -> torch.device:
@@ -27,3 +33,14 @@ def find_device(name: str) -> torch.device:
             f"expected {' or '.join(available)}"
         )
     return torch.device(name)
+
+
+@contextmanager
+def fixed_threads() -> Iterator[None]:
+    """Let torch compute with ``THREADS`` threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(THREADS)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +15,7 @@ import torch
 from skipnet.config import DataConfig, Split, TrainConfig
 from skipnet.learning import reports
 from skipnet.learning.dataset import Recipe, Samples, make_samples, thin
-from skipnet.learning.devices import find_device
+from skipnet.learning.devices import find_device, fixed_threads
 from skipnet.learning.labels import LabelRule
 from skipnet.learning.network import (
     PATCH_SIZE,
@@ -194,7 +193,7 @@ def train_classifier(
         TrainingSet(part.patches, part.labels, sample_weights(part, config.frequency_strength))
         for part in (training, validation)
     )
-    with _one_thread():
+    with fixed_threads():
         outcome = train_network(
             network,
             fitted,
@@ -229,17 +228,6 @@ def compare(
     seconds |= peer_seconds
     predicted = {"network, same voxels": predict(classifier, voxels.patches), **predicted}
     return {name: score(voxels, p, config.data.families) for name, p in predicted.items()}
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """The order of sums, and with it the last bits, must not depend on the number of cores."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def predict(classifier: Classifier, patches: FloatArray) -> IntArray:
