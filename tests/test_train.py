@@ -119,6 +119,12 @@ def test_a_sweep_writes_one_folder_per_run(tmp_path: Path) -> None:
     ("override", "message"),
     [
         ("device=cuda", "device=cuda: torch"),
+        ("data.scanner=nosuch", "unknown scanner 'nosuch'"),
+        ("data.patch=axis_aligned", "surface_frame, or network=classes"),
+        ("data.samples=500", "null, or network=classes"),
+        ("compare_sklearn=true", "false, or network=classes"),
+        ("optimizer=scg", "one for mini-batches, or network=classes"),
+        ("+optimizer.nosuch=1", "nosuch"),
         ("epoch=3", "did you mean epochs?"),
         ("epochs=0", "epochs=0: expected 1 or more"),
         ("data.families=[]", "at least one family"),

@@ -117,7 +117,7 @@ class DescriptorTrainConfig:
         require(bool(self.families), "descriptor.families", self.families, "at least one family")
         for name in ("training_pairs", "validation_pairs", "test_pairs"):
             count = getattr(self, name)
-            limit = 10_000
+            limit = 1000  # further on lie the seeds of scenes that the classes are judged on
             require(0 < count <= limit, f"descriptor.{name}", count, f"1 to {limit}")
         counts = ("patches_per_scans", "steps", "scans_per_step", "validate_every")
         units = ("sector_units", "hidden_units", "output_units")

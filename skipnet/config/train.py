@@ -183,9 +183,25 @@ class TrainConfig:
         require("_target_" in self.optimizer, "optimizer", self.optimizer, "a torch optimiser")
         require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
         two_heads = self.network is NetworkKind.two_heads
+        alone = "false, or network=two_heads"
+        require(two_heads or not self.compare_alone, "compare_alone", self.compare_alone, alone)
         require(two_heads or not self.ship, "ship", self.ship, "false, or network=two_heads")
         if two_heads:
             require(len(sizes) == 2, "hidden_sizes", sizes, "two sizes, or network=classes")
             activation = self.activation
             allowed = activation is Activation.gelu
             require(allowed, "activation", activation.value, "gelu, or network=classes")
+            self._check_two_heads()
+
+    def _check_two_heads(self) -> None:
+        """Refuse what only ``network=classes`` heeds."""
+        data, target = self.data, str(self.optimizer["_target_"])
+        fits = data.patch is PatchKind.surface_frame
+        require(fits, "data.patch", data.patch.value, "surface_frame, or network=classes")
+        fits = data.split is Split.by_scene
+        require(fits, "data.split", data.split.value, "by_scene, or network=classes")
+        require(data.samples is None, "data.samples", data.samples, "null, or network=classes")
+        for name in ("compare_sklearn", "double_precision"):
+            require(not getattr(self, name), name, True, "false, or network=classes")
+        fits = not target.endswith("ScaledConjugateGradient")
+        require(fits, "optimizer", target, "one for mini-batches, or network=classes")

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from skipnet.clouds.atomic import replacing, write_text
 from skipnet.features.cylinders import (
     SECTOR_SIZE,
     SECTORS,
@@ -245,10 +246,10 @@ def rounded(weights: dict[str, FloatArray]) -> dict[str, FloatArray]:
 
 def save_descriptor(descriptor: Descriptor, path: Path) -> None:
     """Write the weights, in float16, to ``path`` (.npz) and the card beside them (.json)."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     halves = {name: array.astype(np.float16) for name, array in descriptor.weights.items()}
-    np.savez_compressed(path, allow_pickle=False, **halves)
-    path.with_suffix(".json").write_text(json.dumps(descriptor.card, indent=2) + "\n")
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, **halves)  # type: ignore[arg-type]  # NumPy's own stubs
+    write_text(path.with_suffix(".json"), json.dumps(descriptor.card, indent=2) + "\n")
 
 
 def load_descriptor(path: Path = SHIPPED_WEIGHTS) -> Descriptor:

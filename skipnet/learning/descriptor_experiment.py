@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from skipnet.clouds.atomic import write_text
 from skipnet.config import AugmentationConfig, DescriptorTrainConfig, TrainConfig
 from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
 from skipnet.learning import descriptor_reports as reporting
@@ -41,12 +42,14 @@ from skipnet.learning.descriptor_pairs import (
 from skipnet.learning.descriptor_training import Lessons, Outcome, Schedule, train_network
 from skipnet.learning.devices import find_device
 from skipnet.learning.experiment import (
+    check_settings,
     class_recipe,
     class_seeds,
     sample_weights,
     train_classifier,
 )
 from skipnet.learning.network import Classifier, classify, round_to_half
+from skipnet.learning.optimizers import find_optimizer
 from skipnet.learning.scores import score, table_rows
 from skipnet.processes import Each, mapping, worker_pool
 from skipnet.simulation.scenes import check_families
@@ -91,13 +94,16 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
     """
     device = find_device(config.device.value)
     folder = Path(config.output_dir)
-    folder.mkdir(parents=True, exist_ok=True)
-    reports.write_config(config, folder / "config.yaml")
+    check_settings(config)
+    check_families(config.descriptor.families)
+    if not (folder / "config.yaml").exists():
+        reports.write_config(config, folder / "config.yaml")
     start_s = time.perf_counter()
     sets = make_sets(config)
     data_s = time.perf_counter()
     with dashboard.open_dashboard(folder / "tensorboard") as writer:
         outcome, weights, unseen, scores = learn(config, sets, writer, device)
+        reports.write_config(config, folder / "config.yaml")  # of the run that was gone on with
         trained_s = time.perf_counter()
         card = make_card(config, sets.lessons, outcome)
         path = folder / "descriptor.npz"
@@ -125,9 +131,9 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
             "judging": time.perf_counter() - trained_s,
         },
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     tables = reporting.markdown_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
-    (folder / "scores.md").write_text(tables)
+    write_text(folder / "scores.md", tables)
     return summary
 
 
@@ -153,7 +159,6 @@ def learn(
 def make_sets(config: TrainConfig) -> Sets:
     """Simulate what the network learns from and is watched on."""
     options = config.descriptor
-    check_families([*options.families, *config.data.families])
     with mapping(config.data.workers) as each:
         pairs = make_patch_pairs(
             options.families,
@@ -202,8 +207,6 @@ def recipe(options: AugmentationConfig) -> Recipe:
 
 def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device) -> Outcome:
     """Train the shared layers and the descriptor."""
-    from hydra.utils import instantiate
-
     options = config.descriptor
     torch.manual_seed(config.seed)
     shared = options.sector_units, options.hidden_units, options.output_units
@@ -213,7 +216,7 @@ def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.de
     return train_network(
         sets.lessons,
         network,
-        instantiate(config.optimizer),
+        find_optimizer(config.optimizer),
         schedule(options),
         config.seed,
         reporting.Progress(writer, unseen).watch(),

@@ -25,6 +25,7 @@ from skipnet.learning.network import (
     round_to_half,
     save_classifier,
 )
+from skipnet.learning.optimizers import find_optimizer
 from skipnet.learning.peers import COMPARED_VOXELS, predict_with_peers
 from skipnet.learning.scores import confusion_matrix, macro_f1, score
 from skipnet.learning.training import (
@@ -35,6 +36,8 @@ from skipnet.learning.training import (
     train_network,
 )
 from skipnet.processes import mapping
+from skipnet.simulation.scanner import find_scanner
+from skipnet.simulation.scenes import check_families
 from skipnet.types import FeatureClass, FloatArray, IntArray
 from skipnet.viz.dashboard import open_dashboard
 
@@ -66,10 +69,10 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
     Raises:
         ValueError: settings that do not fit each other.
     """
-    find_device(config.device.value)
+    check_settings(config)
     folder = Path(config.output_dir)
-    folder.mkdir(parents=True, exist_ok=True)
-    reports.write_config(config, folder / "config.yaml")
+    if not (folder / "config.yaml").exists():
+        reports.write_config(config, folder / "config.yaml")
     start_s = time.perf_counter()
     sets = make_sets(config)
     seconds = {"data": time.perf_counter() - start_s}
@@ -78,6 +81,7 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
         network, outcome = train_classifier(
             config, sets.training, sets.validation, on_epoch, folder / CHECKPOINT
         )
+        reports.write_config(config, folder / "config.yaml")  # of the run that was gone on with
         seconds["training"] = time.perf_counter() - start_s - seconds["data"]
         classifier = Classifier(
             round_to_half(network.float().eval()), make_card(config, sets, outcome)
@@ -93,6 +97,18 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
         reports.log_skipmap(writer, class_recipe(config.data), classifier, config.data.families[0])
     save_classifier(classifier, folder / "classifier.pt")
     return summary
+
+
+def check_settings(config: TrainConfig) -> None:
+    """Refuse what cannot be trained, before anything is simulated.
+
+    Raises:
+        ValueError: a family, scanner, optimiser or device that does not exist.
+    """
+    check_families(config.data.families)
+    find_scanner(config.data.scanner)
+    find_optimizer(config.optimizer)
+    find_device(config.device.value)
 
 
 def class_recipe(
@@ -177,8 +193,6 @@ def train_classifier(
     checkpoint: Path | None = None,
 ) -> tuple[PatchNetwork, TrainingOutcome]:
     """Train a network for the classes; beside its 125 cells a sample may have further inputs."""
-    from hydra.utils import instantiate
-
     torch.manual_seed(config.seed)
     network = PatchNetwork(
         config.hidden_sizes,
@@ -198,7 +212,7 @@ def train_classifier(
             network,
             fitted,
             watched,
-            instantiate(config.optimizer),
+            find_optimizer(config.optimizer),
             StoppingRules(config.epochs, config.goal, config.min_gradient, config.max_fail),
             batch_size=config.batch_size,
             cosine_decay=config.cosine_decay,

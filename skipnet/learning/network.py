@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from skipnet.clouds.atomic import replacing, write_text
 from skipnet.types import FeatureClass, FloatArray
 
 PATCH_SIZE = 125
@@ -141,11 +142,13 @@ def save_classifier(classifier: Classifier, path: Path) -> None:
 
     What is read back is what was written if the network went through ``round_to_half``.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     layers = dict(classifier.network.named_parameters())
     state = classifier.network.state_dict()
-    torch.save({name: v.half() if name in layers else v for name, v in state.items()}, path)
-    path.with_suffix(".json").write_text(json.dumps(classifier.card, indent=2) + "\n")
+    with replacing(path) as temporary:
+        torch.save(
+            {name: v.half() if name in layers else v for name, v in state.items()}, temporary
+        )
+    write_text(path.with_suffix(".json"), json.dumps(classifier.card, indent=2) + "\n")
 
 
 def load_classifier(path: Path) -> Classifier:

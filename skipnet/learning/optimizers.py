@@ -1,4 +1,4 @@
-"""Moller's scaled conjugate gradient as a ``torch.optim.Optimizer``.
+"""Optimisers by name; Moller's scaled conjugate gradient as a ``torch.optim.Optimizer``.
 
 MATLAB's ``trainscg``, which the paper used, has no counterpart in PyTorch; this one fills the gap.
 It is stepped with a closure, as any optimiser may be, so the training loop need not know which
@@ -7,12 +7,30 @@ optimiser it holds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import torch
 
 Closure = Callable[[], torch.Tensor]
+OptimizerFactory = Callable[..., torch.optim.Optimizer]
+"""Called with the parameters to optimise."""
+
+
+def find_optimizer(options: Mapping[str, Any]) -> OptimizerFactory:
+    """The optimiser that ``_target_`` names, with the other options as its arguments.
+
+    Raises:
+        ValueError: it has no such argument, or cannot take such a value.
+    """
+    from hydra.utils import instantiate
+
+    make: OptimizerFactory = instantiate(options)
+    try:
+        make([torch.nn.Parameter(torch.zeros(1, dtype=torch.float64))])
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"optimizer={dict(options)}: {error}") from error
+    return make
 
 
 class ScaledConjugateGradient(torch.optim.Optimizer):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from skipnet.clouds.atomic import replacing, write_text
 from skipnet.config import TrainConfig
 from skipnet.features.patches import build_patches
 from skipnet.learning.dataset import Recipe, Samples, label_scene
@@ -46,7 +47,7 @@ def write_config(config: TrainConfig, path: Path) -> None:
     """The whole configuration as YAML."""
     from omegaconf import OmegaConf
 
-    path.write_text(OmegaConf.to_yaml(OmegaConf.create(plain(config))))
+    write_text(path, OmegaConf.to_yaml(OmegaConf.create(plain(config))))
 
 
 def log_epoch(
@@ -119,13 +120,13 @@ def write_results(
     folder: Path, summary: Mapping[str, Any], scores: Mapping[str, Any], counts: IntArray
 ) -> None:
     """summary.json, scores.csv, scores.md and the confusion matrix as a picture."""
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     rows = table_rows(scores)
-    with (folder / "scores.csv").open("w", newline="") as file:
+    with replacing(folder / "scores.csv") as path, open(path, "w", newline="") as file:
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()
         table.writerows(rows)
-    (folder / "scores.md").write_text(markdown_table(rows))
+    write_text(folder / "scores.md", markdown_table(rows))
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
     figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)

@@ -16,11 +16,10 @@ from torch.nn.functional import cross_entropy
 from skipnet.learning.checkpoints import load_checkpoint, save_checkpoint
 from skipnet.learning.devices import CPU
 from skipnet.learning.network import PatchNetwork
-from skipnet.learning.optimizers import ScaledConjugateGradient
+from skipnet.learning.optimizers import OptimizerFactory, ScaledConjugateGradient
 from skipnet.learning.stopping import EpochRecord, StoppingRules, Watch
 from skipnet.types import FloatArray, IntArray
 
-OptimizerFactory = Callable[..., torch.optim.Optimizer]
 Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 """(N, 125) patches, (N,) labels, (N,) weights of mean 1."""
 
