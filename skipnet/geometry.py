@@ -8,15 +8,9 @@ import numpy as np
 
 from skipnet.types import FloatArray
 
-_CHUNK = 1 << 16
-"""Points handled at a time: few enough for the cache, and enough to outweigh the calls, each of
-which has to wait for Python's lock while the other scan is described beside."""
-_PRODUCT = 1 << 14
-"""Points turned at a time: few enough for BLAS to keep to one thread. Two on so small a product
-wait for each other longer than they compute."""
-
-_CROSS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
-"""What makes the matrix of the cross product with it out of a vector."""
+_CHUNK = 1 << 14
+"""Points handled at a time: enough to outweigh the calls, few enough for the cache, and for BLAS
+to keep to one thread: two on so small a product wait for each other longer than they compute."""
 
 
 def make_transform(rotation: FloatArray, translation_m: FloatArray) -> FloatArray:
@@ -43,7 +37,7 @@ def transform_points(T_a_b: FloatArray, points_b_m: FloatArray) -> FloatArray:
     >>> transform_points(make_transform(np.eye(3), np.array([1.0, 0, 0])), np.zeros((1, 3)))
     array([[1., 0., 0.]])
     """
-    if points_b_m.ndim == T_a_b.ndim == 2 and len(points_b_m) > _PRODUCT:
+    if points_b_m.ndim == T_a_b.ndim == 2 and len(points_b_m) > _CHUNK:
         return np.concatenate([xyz_m.T for xyz_m in columns(points_b_m, T_a_b)])
     rotation = T_a_b[..., :3, :3]
     return points_b_m @ np.swapaxes(rotation, -1, -2) + T_a_b[..., None, :3, 3]
@@ -66,12 +60,12 @@ def columns(
     for start in range(0, len(points_b_m), chunk):
         rows_m = points_b_m[start : start + chunk]
         xyz_m = np.empty((3, len(rows_m)))
-        xyz_m[:] = rows_m.T
-        if T_a_b is not None:
-            for first in range(0, len(rows_m), _PRODUCT):
-                piece_m = xyz_m[:, first : first + _PRODUCT]
+        for first in range(0, len(rows_m), _CHUNK):
+            piece_m = xyz_m[:, first : first + _CHUNK]
+            piece_m[:] = rows_m[first : first + _CHUNK].T
+            if T_a_b is not None:
                 piece_m[:] = T_a_b[:3, :3] @ piece_m
-            xyz_m += T_a_b[:3, 3:]
+                piece_m += T_a_b[:3, 3:]
         yield xyz_m
 
 
@@ -172,6 +166,6 @@ def rotation_from_vector(vector_rad: FloatArray) -> FloatArray:
     """
     vector_rad = np.asarray(vector_rad, dtype=np.float64)
     half_turns = np.linalg.norm(vector_rad, axis=-1)[..., None, None] / np.pi
-    cross = (vector_rad @ _CROSS).reshape(*vector_rad.shape, 3)
+    cross = np.cross(np.eye(3), vector_rad[..., None, :])
     bent = 0.5 * np.sinc(half_turns / 2) ** 2 * (cross @ cross)
     return np.eye(3) + np.sinc(half_turns) * cross + bent

@@ -18,7 +18,6 @@ from skipnet.geometry import (
 @pytest.fixture(params=[np.float32, np.float64])
 def points_m(request, monkeypatch):
     monkeypatch.setattr("skipnet.geometry._CHUNK", 7000)
-    monkeypatch.setattr("skipnet.geometry._PRODUCT", 3000)
     points_m = np.random.default_rng(0).gamma(2.0, size=(50_000, 3)) * [3.0, 2.0, 0.5]
     return (points_m + [100.0, -20.0, 5.0]).astype(request.param)
 
