@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.features.frames import FRAME_LEVEL, Level, level_of, outer_products, tangent_frames
+from skipnet.features.frames import Level, level_of, outer_products, tangent_frames
 from skipnet.skipmap.cells import pack, unpack
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
@@ -63,9 +63,9 @@ def cylinder_patches(skipmap: SkipMap, rows: IntArray) -> FloatArray:
     """
     if len(rows) == 0:
         return np.zeros((0, SECTORS, SECTOR_SIZE), dtype=np.float32)
-    levels = {level: level_of(skipmap, level) for level in LEVELS}
-    frames = tangent_frames(skipmap, rows, levels.get(FRAME_LEVEL))
-    scales = [_one_scale(skipmap, rows, frames, level) for level in levels.values()]
+    near = level_of(skipmap).coarser()
+    frames = tangent_frames(skipmap, rows, near)
+    scales = [_one_scale(skipmap, rows, frames, level) for level in (near, near.coarser())]
     return np.concatenate(scales, axis=2)
 
 

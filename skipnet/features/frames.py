@@ -12,55 +12,60 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.skipmap.cells import pack
-from skipnet.skipmap.moments import Moments, add_up, principal_axes, sum_groups
+from skipnet.skipmap.cells import halve
+from skipnet.skipmap.moments import Moments, add_up, moments_of_points, principal_axes
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
-FRAME_LEVEL = 1
-"""The frame is read off voxels of twice the Skip-map's size ..."""
 FRAME_REACH_VOXELS = 2.5
-"""... whose centroids are nearer than so many of their own sizes."""
+"""The frame is read off voxels of twice the Skip-map's size that are nearer than so many sizes."""
 _ROW, _COLUMN = np.triu_indices(3)
+_IN_TWICE_THE_VOXEL = 0.5 ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])[:, None]
+"""What turns a voxel's moments into those in units of a voxel twice as wide."""
 _TWICE = np.where(_ROW == _COLUMN, 1.0, 2.0)
 """How often each of xx, xy, xz, yy, yz, zz stands in a symmetric matrix."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """The W voxels of one coarser level; lengths in its own voxels, from ``centre_m``."""
+    """The W voxels of one level; lengths in its own voxels, from ``centre_m``."""
 
     size_m: float
     centre_m: FloatArray
     """(3,) in the scan's frame: near it float32 is exact enough."""
+    keys: IntArray
+    """(W,) packed cells."""
     moments: Moments
-    """Of the centroids in each voxel, weighted by their points."""
+    """Of the centroids of the Skip-map's voxels in each voxel, weighted by their points."""
     normals: FloatArray
-    """(W, 3) sum of the normals of the Skip-map's voxels in it."""
-    alignment: FloatArray
-    """(W, 6) mean of n n^T over these normals, so summed up that its product with
-    ``outer_products(axis)`` is the mean squared cosine between the axis and them."""
+    """(10, W) of the Skip-map's voxels in it: how many, the sums of their normals and, in rows 4 to
+    9, of ``outer_products`` of these."""
 
     def places(self, points_m: FloatArray) -> FloatArray:
         """(..., 3) points of the scan in the level's voxels."""
         return (points_m - self.centre_m) / self.size_m
 
+    @property
+    def alignment(self) -> FloatArray:
+        """(W, 6) mean of n n^T over the normals n, so summed up that its product with
+        ``outer_products(axis)`` is the mean squared cosine between the axis and them."""
+        return (self.normals[4:] / self.normals[0]).T * _TWICE
 
-def level_of(skipmap: SkipMap, level: int) -> Level:
-    """The Skip-map with voxels merged by 2^level along each axis."""
-    keys, merged = np.unique(pack(skipmap.cells >> level), return_inverse=True)
-    size_m, centre_m = skipmap.voxel_size_m * 2**level, skipmap.centroids_m.mean(axis=0)
-    places = np.ascontiguousarray(((skipmap.centroids_m - centre_m) / size_m).T)
-    voxels = Moments(sum_groups(places, np.arange(len(merged)), len(merged)).sums * skipmap.counts)
-    normals = skipmap.normals
-    products = outer_products(normals) * _TWICE
+    def coarser(self) -> Level:
+        """The level of voxels twice as wide."""
+        keys, merged = np.unique(halve(self.keys), return_inverse=True)
+        moments = add_up(Moments(self.moments.sums * _IN_TWICE_THE_VOXEL), merged, len(keys))
+        normals = add_up(Moments(self.normals), merged, len(keys)).sums
+        return Level(2 * self.size_m, self.centre_m, keys, moments, normals)
 
-    def total(columns: FloatArray) -> FloatArray:
-        """(W, C) sums of (V, C) values over the voxels merged."""
-        return np.stack([np.bincount(merged, column, len(keys)) for column in columns.T], axis=1)
 
-    alignment = total(products) / np.bincount(merged, minlength=len(keys))[:, None]
-    return Level(size_m, centre_m, add_up(voxels, merged, len(keys)), total(normals), alignment)
+def level_of(skipmap: SkipMap) -> Level:
+    """The Skip-map's own voxels, as a level."""
+    size_m, centre_m = skipmap.voxel_size_m, skipmap.centroids_m.mean(axis=0)
+    centroids = moments_of_points((skipmap.centroids_m - centre_m) / size_m)
+    moments = Moments(centroids.sums * skipmap.counts)
+    normals = moments_of_points(skipmap.normals).sums
+    return Level(size_m, centre_m, skipmap.keys, moments, normals)
 
 
 def outer_products(vectors: FloatArray) -> FloatArray:
@@ -75,7 +80,7 @@ def tangent_frames(skipmap: SkipMap, rows: IntArray, around: Level | None = None
         skipmap: the scan's Skip-map. Where the viewpoint is known the axes point to the sensor's
             side, as the normals around do; else to the side of the voxel's own, arbitrary normal.
         rows: (K,) voxels.
-        around: ``level_of(skipmap, FRAME_LEVEL)``, where it is at hand.
+        around: ``level_of(skipmap).coarser()``, where it is at hand.
 
     Returns:
         (K, 3, 3) in columns: the surface's axis and two tangents of arbitrary azimuth.
@@ -84,7 +89,7 @@ def tangent_frames(skipmap: SkipMap, rows: IntArray, around: Level | None = None
 
     if len(rows) == 0:
         return np.zeros((0, 3, 3))
-    around = around or level_of(skipmap, FRAME_LEVEL)
+    around = around or level_of(skipmap).coarser()
     trees = [
         cKDTree(places, balanced_tree=False, compact_nodes=False)
         for places in (around.places(skipmap.centroids_m[rows]), around.moments.mean)
@@ -95,7 +100,7 @@ def tangent_frames(skipmap: SkipMap, rows: IntArray, around: Level | None = None
     near = near.tocsr()
     _, axes = principal_axes(Moments(np.ascontiguousarray((near @ around.moments.sums.T).T)))
     known = skipmap.viewpoint_m is not None
-    sides = near @ around.normals if known else skipmap.normals[rows]
+    sides = near @ around.normals[1:4].T if known else skipmap.normals[rows]
     axis, tangent = axes[:, :, 0], axes[:, :, 2]
     axis = np.where(np.einsum("ki,ki->k", axis, sides)[:, None] < 0, -axis, axis)
     return np.stack([axis, tangent, np.cross(axis, tangent)], axis=2)

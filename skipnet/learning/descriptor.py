@@ -30,6 +30,7 @@ from skipnet.features.cylinders import (
 )
 from skipnet.features.descriptors import mutual_nearest
 from skipnet.features.patches import PATCH_SIZE, build_patches
+from skipnet.processes import one_blas_thread
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -172,6 +173,7 @@ def _gelu(values: FloatArray) -> FloatArray:
     return values * ndtr(values)
 
 
+@one_blas_thread()
 def describe_keypoints(
     skipmap: SkipMap,
     descriptor: Descriptor,
@@ -204,6 +206,7 @@ def classify_voxels(skipmap: SkipMap, rows: IntArray, descriptor: Descriptor) ->
     return descriptor.classify(build_patches(skipmap, rows), cylinder_patches(skipmap, rows))
 
 
+@one_blas_thread()
 def correspond(
     source: SkipMap,
     target: SkipMap,

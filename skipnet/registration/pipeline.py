@@ -10,6 +10,7 @@ from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import invert
 from skipnet.learning.descriptor import correspond, load_descriptor
+from skipnet.processes import one_blas_thread
 from skipnet.registration.answer import Answer
 from skipnet.registration.feature_hypotheses import from_corners, from_edges
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
@@ -71,6 +72,7 @@ def register(
     return register_scans(scans[0], scans[1], config, clock)
 
 
+@one_blas_thread()
 def register_scans(
     source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch
 ) -> Registration:

@@ -17,6 +17,7 @@ from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import invert, principal_frame, transform_points
 from skipnet.learning.descriptor import classify_voxels, load_descriptor
+from skipnet.processes import one_blas_thread
 from skipnet.registration.sparse_refinement import thin
 from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
@@ -168,6 +169,7 @@ class Scan:
         return replace(self, evidence=self.evidence.weighing(weights))
 
 
+@one_blas_thread()
 def describe(
     clouds_m: Sequence[Cloud],
     viewpoints: Sequence[Viewpoint],

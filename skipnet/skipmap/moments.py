@@ -86,8 +86,11 @@ class Moments:
 
 def moments_of_points(points_m: FloatArray) -> Moments:
     """Moments of N single points, one column each, about the points' own origin."""
-    points = np.asarray(points_m, dtype=np.float64)
-    return sum_groups(np.ascontiguousarray(points.T), np.arange(len(points)), len(points))
+    sums = np.empty((10, len(points_m)))
+    sums[0] = 1
+    sums[1:4] = np.asarray(points_m).T
+    np.multiply(sums[1:4].take(_ROW, axis=0), sums[1:4].take(_COLUMN, axis=0), out=sums[4:])
+    return Moments(sums)
 
 
 def sum_groups(xyz_m: FloatArray, group: IntArray, groups: int) -> Moments:
