@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.features.descriptors import factors_of_squared_distances
 from skipnet.features.frames import Level, level_of, outer_products, tangent_frames
 from skipnet.skipmap.cells import pack, unpack
 from skipnet.skipmap.skipmap import SkipMap
@@ -37,6 +38,9 @@ _GRID = 60
 _PLACES = _GRID + 2
 _FAR_VOXELS = 1e4
 """Where the row that fills up a list lies: outside every cylinder."""
+_LIST_REACH_VOXELS = REACH_VOXELS + np.sqrt(3) / 2 + 0.02
+"""Beyond the cylinder's, from a cell's centre to its corners, and what float32 may err."""
+_DISTANCES_AT_ONCE = 1 << 18
 _CHUNK = 256
 """Voxels described at a time: their pairs stay in the processor's cache."""
 
@@ -116,23 +120,22 @@ class _Near:
 
 
 def _neighbours(middle: FloatArray, around: FloatArray) -> _Near:
-    """The lists of (K, 3) voxels to describe among (W, 3) points, in voxels of the level."""
-    from scipy.spatial import cKDTree
+    """The lists of (K, 3) voxels to describe among (W, 3) points, in voxels of the level.
 
-    cells = np.floor(middle).astype(np.int64)
-    keys, group = np.unique(pack(cells), return_inverse=True)
-    centres = unpack(keys) + 0.5
-    trees = [
-        cKDTree(points, balanced_tree=False, compact_nodes=False, leafsize=32)
-        for points in (centres, around)
-    ]
-    reach = REACH_VOXELS + np.sqrt(3) / 2  # from a cell's centre to its corners
-    near = trees[0].sparse_distance_matrix(trees[1], reach, output_type="coo_matrix")
-    near.has_canonical_format = True  # no pair comes twice, and their order does not matter
-    near = near.tocsr()
-    sizes = np.diff(near.indptr)
+    A level has hundreds or a few thousand voxels: measuring all distances is quicker than a tree.
+    """
+    keys, group = np.unique(pack(np.floor(middle).astype(np.int64)), return_inverse=True)
+    centres = (unpack(keys) + 0.5).astype(np.float32)
+    left, right = factors_of_squared_distances(centres, around)
+    rows, sizes = [np.zeros(0, dtype=np.int32)], np.zeros(len(keys), dtype=np.int64)
+    step = max(1, _DISTANCES_AT_ONCE // max(1, len(around)))
+    for start in range(0, len(keys), step):
+        near = left[start : start + step] @ right < _LIST_REACH_VOXELS**2
+        size = sizes[start : start + step] = np.count_nonzero(near, axis=1)
+        firsts = np.repeat(np.arange(len(near)) * len(around), size)
+        rows.append((np.flatnonzero(near) - firsts).astype(np.int32))
     lists = np.full((len(keys), sizes.max(initial=0)), len(around), dtype=np.int32)
-    lists[np.arange(lists.shape[1]) < sizes[:, None]] = near.indices
+    lists[np.arange(lists.shape[1]) < sizes[:, None]] = np.concatenate(rows)
     return _Near(group, lists, sizes)
 
 

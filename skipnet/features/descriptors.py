@@ -37,6 +37,19 @@ def fpfh(skipmap: SkipMap) -> FloatArray:
     return np.asarray(feature.data).T.astype(np.float32)
 
 
+def factors_of_squared_distances(
+    source: FloatArray, target: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(V, D + 2) and (D + 2, W), whose product are the squared distances of (V, D) and (W, D) rows.
+
+    |s - t|^2 = |s|^2 - 2 s.t + |t|^2 as one product of rows with two more columns.
+    """
+    ones_s, ones_t = (np.ones((len(rows), 1), np.float32) for rows in (source, target))
+    squared_s, squared_t = ((rows**2).sum(axis=1, keepdims=True) for rows in (source, target))
+    left = np.concatenate([-2 * source, squared_s, ones_s], axis=1)
+    return left, np.concatenate([target, ones_t, squared_t], axis=1).T
+
+
 def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of descriptors that are each other's nearest.
 
@@ -49,11 +62,7 @@ def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     """
     if len(source) == 0 or len(target) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32)
-    # |s - t|^2 = |s|^2 - 2 s.t + |t|^2 as one product of rows with two more columns
-    ones_s, ones_t = (np.ones((len(rows), 1), np.float32) for rows in (source, target))
-    squared_s, squared_t = ((rows**2).sum(axis=1, keepdims=True) for rows in (source, target))
-    left = np.concatenate([-2 * source, squared_s, ones_s], axis=1)
-    right = np.concatenate([target, ones_t, squared_t], axis=1).T
+    left, right = factors_of_squared_distances(source, target)
     forward = np.empty(len(source), dtype=np.int64)
     nearest_s = np.empty(len(source), dtype=np.float32)
     nearest_t = np.full(len(target), np.inf, dtype=np.float32)
