@@ -44,19 +44,18 @@ def transform_points(T_a_b: FloatArray, points_b_m: FloatArray) -> FloatArray:
 
 
 def columns(
-    points_b_m: FloatArray, T_a_b: FloatArray | None = None, chunk: int | None = None
+    points_b_m: FloatArray, T_a_b: FloatArray | None = None, chunk: int = _CHUNK
 ) -> Iterator[FloatArray]:
     """Walk through (N, 3) points, chunk after chunk, without a copy of them all.
 
     Args:
         points_b_m: points of any real type.
         T_a_b: (4, 4) motion to apply on the way; None for none.
-        chunk: points at a time; None takes a number that suits the processor's cache.
+        chunk: points at a time.
 
     Yields:
         (3, n) float64 coordinates, each axis contiguous: several times faster to compute with.
     """
-    chunk = chunk or _CHUNK
     for start in range(0, len(points_b_m), chunk):
         rows_m = points_b_m[start : start + chunk]
         xyz_m = np.empty((3, len(rows_m)))

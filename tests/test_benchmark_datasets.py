@@ -91,7 +91,7 @@ def test_unknown_set_lists_the_known_ones(folder):
         folder_pairs(folder, sets=["cellar"])
 
 
-@pytest.mark.parametrize("text", ["not json", "[]", "{}", '{"pairs": []}'])
+@pytest.mark.parametrize("text", ["not json", "[]", "{}", '{"pairs": []}', '{"pairs": 3}'])
 def test_broken_pairs_file_is_refused(tmp_path, text):
     (tmp_path / "pairs.json").write_text(text)
     with pytest.raises(ValueError, match="pairs"):
@@ -106,14 +106,23 @@ def test_broken_pairs_file_is_refused(tmp_path, text):
         ("T_target_source", [["a"]]),
         ("T_target_source", (2 * np.eye(4)).tolist()),
         ("T_target_source", np.full((4, 4), np.nan).tolist()),
+        ("source", None),
     ],
 )
 def test_an_entry_that_makes_no_sense_is_refused_before_anything_runs(folder, field, value):
     path = folder / "pairs.json"
     listed = json.loads(path.read_text())
-    listed["pairs"][0][field] = value
+    listed["pairs"][1][field] = value
     path.write_text(json.dumps(listed))
-    with pytest.raises(ValueError, match="pairs.json"):
+    with pytest.raises(ValueError, match="pairs.json, entry 1: "):
+        folder_pairs(folder)
+
+
+@pytest.mark.parametrize("entry", [{"set": "hall"}, "hall", None])
+def test_what_is_no_entry_is_named_by_its_number(folder, entry):
+    path = folder / "pairs.json"
+    path.write_text(json.dumps({"pairs": [entry]}))
+    with pytest.raises(ValueError, match="pairs.json, entry 0: "):
         folder_pairs(folder)
 
 

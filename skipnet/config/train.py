@@ -187,15 +187,15 @@ class TrainConfig:
         require(two_heads or not self.compare_alone, "compare_alone", self.compare_alone, alone)
         require(two_heads or not self.ship, "ship", self.ship, "false, or network=two_heads")
         if two_heads:
-            require(len(sizes) == 2, "hidden_sizes", sizes, "two sizes, or network=classes")
-            activation = self.activation
-            allowed = activation is Activation.gelu
-            require(allowed, "activation", activation.value, "gelu, or network=classes")
             self._check_two_heads()
 
     def _check_two_heads(self) -> None:
         """Refuse what only ``network=classes`` heeds."""
         data, target = self.data, str(self.optimizer["_target_"])
+        sizes, activation = self.hidden_sizes, self.activation
+        require(len(sizes) == 2, "hidden_sizes", sizes, "two sizes, or network=classes")
+        fits = activation is Activation.gelu
+        require(fits, "activation", activation.value, "gelu, or network=classes")
         fits = data.patch is PatchKind.surface_frame
         require(fits, "data.patch", data.patch.value, "surface_frame, or network=classes")
         fits = data.split is Split.by_scene

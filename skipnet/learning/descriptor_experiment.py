@@ -92,10 +92,9 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
     Raises:
         ValueError: settings that do not fit each other, or the checkpoint of another run.
     """
-    device = find_device(config.device.value)
-    folder = Path(config.output_dir)
     check_settings(config)
     check_families(config.descriptor.families)
+    device, folder = find_device(config.device.value), Path(config.output_dir)
     if not (folder / "config.yaml").exists():
         reports.write_config(config, folder / "config.yaml")
     start_s = time.perf_counter()
@@ -140,7 +139,7 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
 def learn(
     config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device
 ) -> tuple[Outcome, dict[str, FloatArray], Unseen, dict[str, dict[str, dict[str, float]]]]:
-    """Train the descriptor, then the classes, on one processor; another does all that can wait.
+    """Train the descriptor, then the classes; another process does all that can wait meanwhile.
 
     Returns:
         What the descriptor's training reached, the weights of the whole network, the scenes to

@@ -22,18 +22,25 @@ def list_pairs(folder: Path) -> list[Listed]:
 
     Raises:
         FileNotFoundError: no such file in the folder.
-        ValueError: it is not such a file.
+        ValueError: it is not such a file; an entry that is wrong is named by its number.
     """
     path = folder / PAIRS_FILE
     if not path.is_file():
         raise FileNotFoundError(f"no {PAIRS_FILE} in {folder}")
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))["pairs"]
-        pairs = [_parse(entry, folder) for entry in entries]
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path} is no JSON object with a list of "pairs": {error!r}') from error
-    if not pairs:
-        raise ValueError(f"{path} lists no pairs")
+    if not isinstance(entries, list) or not entries:
+        raise ValueError(f'{path}: "pairs" must be a list with an entry or more, got {entries!r}')
+    pairs = []
+    for number, entry in enumerate(entries):
+        try:
+            pairs.append(_parse(entry, folder))
+        except KeyError as error:
+            raise ValueError(f"{path}, entry {number}: it has no {error}") from error
+        except (AttributeError, TypeError, ValueError) as error:
+            raise ValueError(f"{path}, entry {number}: {error}") from error
     return pairs
 
 
