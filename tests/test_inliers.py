@@ -1,0 +1,61 @@
+"""Right correspondences per set and descriptor, against a count of one's own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from skipnet.benchmark.factories import make_pair_set
+from skipnet.benchmark.inliers import FPFH, compare, main, table
+from skipnet.benchmark.misses import count_inliers
+from skipnet.clouds.ply import write_ply
+from skipnet.config import EvaluateConfig
+from skipnet.geometry import invert
+from skipnet.learning.descriptor import load_descriptor
+from skipnet.registration.scans import describe
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return list(make_pair_set(EvaluateConfig(family="oblique", pairs=2, points=20_000)))
+
+
+def test_ratios_are_those_counted_by_hand(pairs):
+    matches = compare(pairs, {"ours": load_descriptor(), "again": load_descriptor()})
+    ours = [one for ones in matches["ours"].values() for one in ones]
+    for pair, found in zip(pairs, ours, strict=True):
+        source, target = describe((pair.source_m, pair.target_m), ("auto", "auto"))
+        T = invert(target.T_given_own) @ pair.T_target_source @ source.T_given_own
+        right, offered = count_inliers(source, target, T)
+        assert found.inlier_ratio == pytest.approx(right / offered)
+        assert found.inlier_ratio > 0.2
+    assert list(matches) == ["ours", "again", FPFH]
+    lines = table(matches).splitlines()
+    ours, again, fpfh = lines[-4].split("|")[3:6]
+    assert "mean of sets" in lines[-4] and ours == again != fpfh
+    ratio = np.mean([one.inlier_ratio for ones in matches[FPFH].values() for one in ones])
+    assert float(fpfh) == pytest.approx(ratio, abs=6e-4)
+    assert float(lines[-1].split("|")[5]) == 1.0
+
+
+def test_the_command_prints_the_table_of_a_folder(pairs, tmp_path, capsys):
+    pair = pairs[0]
+    write_ply(tmp_path / "a.ply", pair.source_m)
+    write_ply(tmp_path / "b.ply", pair.target_m)
+    entry = {"set": "room", "source": "a.ply", "target": "b.ply"}
+    entry |= {"success_rotation_deg": 1, "success_translation_m": 0.1}
+    entry["T_target_source"] = pair.T_target_source.tolist()
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": [entry]}))
+    main(str(tmp_path))
+    assert "| room | 1 | 0." in capsys.readouterr().out
+
+
+def test_a_folder_without_pairs_is_refused(tmp_path):
+    command = [sys.executable, "-m", "skipnet.benchmark.inliers", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert run.returncode == 2
+    assert "pairs.json" in run.stderr and "Traceback" not in run.stderr
