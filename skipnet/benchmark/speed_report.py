@@ -133,7 +133,8 @@ def _about(config: EvaluateConfig) -> dict[str, str]:
         "benchmark": config.benchmark,
         "methods": ", ".join(config.methods),
         "scans": f"{', '.join(config.speed.families)}; beams {_listed(config.speed.beams)}",
-        "pairs": f"{config.pairs} of each size, scenes from seed {config.seed}",
+        "pairs": f"{config.pairs} of each size, scenes from seed {config.seed}; of each the middle "
+        f"one of {config.speed.repeats} runs",
         "limits": ", ".join(f"{m}: {b:,} beams" for m, b in config.speed.most_beams.items())
         or "none",
     }

@@ -120,6 +120,8 @@ class SpeedConfig:
     """Method to the largest size at which it runs; the others run at all."""
     voxels_m: dict[str, dict[str, float]] = field(default_factory=dict)
     """Family to each method's ``voxel_size_m`` there; the others choose their own."""
+    repeats: int = 3
+    """Times that each method runs on a pair, in turns with the others; the middle one counts."""
     memory: bool = True
     """Measure the peak memory too: each method once more per size, in a process of its own."""
 
@@ -128,6 +130,7 @@ class SpeedConfig:
         beams = self.beams
         ascending = bool(beams) and min(beams) > 0 and sorted(beams) == list(beams)
         require(ascending, "speed.beams", beams, "whole numbers above 0, ascending")
+        require(self.repeats > 0, "speed.repeats", self.repeats, "1 or more")
 
 
 @dataclass
