@@ -7,9 +7,9 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from functools import cache
+from contextlib import ContextDecorator, contextmanager
 from multiprocessing import get_context
+from threading import Lock
 from typing import Any
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
@@ -31,24 +31,41 @@ def keep_freed_memory() -> None:
             tell(option, most_bytes)
 
 
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """In the body, or in a function so decorated, NumPy computes a product in the calling thread.
+class _OneBlasThread(ContextDecorator):
+    """See ``one_blas_thread``."""
 
-    Two scans are described in two threads. Left alone, BLAS starts others for the products of each,
-    lets one product wait for another, and its idle threads spin for a while: describing and
-    matching two scans took 1.4 times as long and twice the processor time.
-    """
-    with _blas().limit(limits=1):
-        yield
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._inside = 0
+
+    def __enter__(self) -> None:
+        from threadpoolctl import ThreadpoolController
+
+        with self._lock:
+            self._inside += 1
+            if self._inside == 1:
+                self._limit = ThreadpoolController().limit(limits=1, user_api="blas")
+
+    def __exit__(self, *error: object) -> None:
+        from threadpoolctl import OpenBLASController
+
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0:
+                # threadpoolctl lets only the thread that set a limit lift it; here any may be last.
+                OpenBLASController.clear_controlling_thread(force=True)
+                self._limit.restore_original_limits()
+                OpenBLASController.clear_controlling_thread(force=True)
 
 
-@cache
-def _blas() -> Any:
-    """The BLAS libraries of this process; looking for them takes a millisecond."""
-    from threadpoolctl import ThreadpoolController
+one_blas_thread = _OneBlasThread()
+"""In its body, or in a function that it decorates, NumPy computes a product in the calling thread.
 
-    return ThreadpoolController().select(user_api="blas")
+Two scans are described in two threads. Left alone, BLAS starts others for the products of each,
+lets one product wait for another, and its idle threads spin for a while: describing and matching
+two scans took 1.4 times as long and twice the processor time. BLAS has one setting for the whole
+process, other threads of the user's too: whoever enters first makes it, whoever leaves last undoes
+it."""
 
 
 @contextmanager

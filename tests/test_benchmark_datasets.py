@@ -106,7 +106,9 @@ def test_broken_pairs_file_is_refused(tmp_path, text):
         ("T_target_source", [["a"]]),
         ("T_target_source", (2 * np.eye(4)).tolist()),
         ("T_target_source", np.full((4, 4), np.nan).tolist()),
+        ("T_target_source", np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()),
         ("source", None),
+        ("set", ["hall"]),
     ],
 )
 def test_an_entry_that_makes_no_sense_is_refused_before_anything_runs(folder, field, value):

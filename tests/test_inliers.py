@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,13 +16,17 @@ from skipnet.benchmark.misses import count_inliers
 from skipnet.clouds.ply import write_ply
 from skipnet.config import EvaluateConfig
 from skipnet.geometry import invert
-from skipnet.learning.descriptor import load_descriptor
+from skipnet.learning.descriptor import SHIPPED_WEIGHTS, load_descriptor
+from skipnet.learning.descriptor_scores import by_fpfh
 from skipnet.registration.scans import describe
 
 
 @pytest.fixture(scope="module")
 def pairs():
-    return list(make_pair_set(EvaluateConfig(family="oblique", pairs=2, points=20_000)))
+    """Three, of two sets."""
+    three = make_pair_set(EvaluateConfig(family="oblique", pairs=3, points=20_000))
+    names = ("one", "two", "two")
+    return [replace(pair, set_name=name) for pair, name in zip(three, names, strict=True)]
 
 
 def test_ratios_are_those_counted_by_hand(pairs):
@@ -37,8 +42,10 @@ def test_ratios_are_those_counted_by_hand(pairs):
     lines = table(matches).splitlines()
     ours, again, fpfh = lines[-4].split("|")[3:6]
     assert "mean of sets" in lines[-4] and ours == again != fpfh
-    ratio = np.mean([one.inlier_ratio for ones in matches[FPFH].values() for one in ones])
-    assert float(fpfh) == pytest.approx(ratio, abs=6e-4)
+    of_sets = [np.mean([one.inlier_ratio for one in ones]) for ones in matches[FPFH].values()]
+    assert len(of_sets) == 2 and float(fpfh) == pytest.approx(np.mean(of_sets), abs=6e-4)
+    matched = [one.inlier_ratio >= 0.05 for ones in matches[FPFH].values() for one in ones]
+    assert float(lines[-3].split("|")[5]) == pytest.approx(np.mean(matched), abs=6e-4)
     assert float(lines[-1].split("|")[5]) == 1.0
 
 
@@ -50,8 +57,29 @@ def test_the_command_prints_the_table_of_a_folder(pairs, tmp_path, capsys):
     entry |= {"success_rotation_deg": 1, "success_translation_m": 0.1}
     entry["T_target_source"] = pair.T_target_source.tolist()
     (tmp_path / "pairs.json").write_text(json.dumps({"pairs": [entry]}))
-    main(str(tmp_path))
-    assert "| room | 1 | 0." in capsys.readouterr().out
+    main(str(tmp_path), str(SHIPPED_WEIGHTS))
+    printed = capsys.readouterr().out
+    assert f"| set | pairs | skipnet | {SHIPPED_WEIGHTS} | FPFH |" in printed
+    assert "| room | 1 | 0." in printed
+
+
+def test_a_scan_without_surfaces_is_named(pairs):
+    stray = replace(pairs[0], source_m=np.random.default_rng(0).normal(size=(5, 3)))
+    with pytest.raises(ValueError, match="oblique.*: "):
+        compare([stray], {"ours": load_descriptor()})
+
+
+def test_without_a_viewpoint_fpfh_has_sides_all_the_same(pairs, monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "skipnet.benchmark.inliers.by_fpfh",
+        lambda scans, keypoints: seen.append(scans) or by_fpfh(scans, keypoints),
+    )
+    monkeypatch.setattr(
+        "skipnet.benchmark.inliers.describe", lambda clouds, _: describe(clouds, (None, None))
+    )
+    compare(pairs[:1], {"ours": load_descriptor()})
+    assert seen and all(scan.viewpoint_m is not None for scan in (seen[0].source, seen[0].target))
 
 
 def test_a_folder_without_pairs_is_refused(tmp_path):

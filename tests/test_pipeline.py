@@ -227,6 +227,16 @@ def test_too_little_to_go_by_is_a_result_not_an_error(count):
     assert np.isfinite(result.T_target_source).all()
 
 
+def test_a_scan_that_is_all_lines_at_the_coarse_level_is_a_result_too():
+    rng = np.random.default_rng(0)
+    angle, across_m = rng.uniform(0, 2 * np.pi, 12_000), rng.uniform(-0.025, 0.025, 12_000)
+    lift_m = rng.normal(scale=5e-4, size=12_000)
+    ring_m = np.stack([(5 + across_m) * np.cos(angle), (5 + across_m) * np.sin(angle), lift_m], 1)
+    patch_m = rng.uniform([0, 0, 0], [1.0, 0.6, 1e-3], (3000, 3))
+    for source_m, target_m in ((patch_m, ring_m), (ring_m, patch_m)):
+        assert skipnet.register(source_m, target_m, voxel_size_m=0.1).status != "registered"
+
+
 # --- options and bad input ------------------------------------------------------------------------
 
 

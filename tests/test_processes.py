@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from threading import Event, Thread
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from skipnet.config import Generator, RegistrationConfig
+from skipnet.learning import descriptor
 from skipnet.processes import (
     THREAD_VARIABLES,
     environment,
@@ -16,6 +19,8 @@ from skipnet.processes import (
     one_blas_thread,
     worker_pool,
 )
+from skipnet.registration import pipeline, scans
+from skipnet.simulation.pairs import simulate_pair
 
 
 def threads_of_blas(size: int) -> tuple[int, list[int]]:
@@ -56,11 +61,70 @@ def blas_threads() -> set[int]:
 
 def test_inside_blas_takes_one_thread_and_then_as_many_as_before() -> None:
     with threadpool_limits(2, user_api="blas"):
-        with pytest.raises(KeyError), one_blas_thread():
-            assert one_blas_thread()(blas_threads)() == {1}
+        with pytest.raises(KeyError), one_blas_thread:
+            assert one_blas_thread(blas_threads)() == {1}
             with ThreadPoolExecutor(2) as pool:  # as scans are described: each thread enters too
-                found = [pool.submit(one_blas_thread()(blas_threads)) for _ in range(8)]
+                found = [pool.submit(one_blas_thread(blas_threads)) for _ in range(8)]
             assert [each.result() for each in found] == [{1}] * 8
             assert blas_threads() == {1}, "leaving the inner ones must not end the outer one"
             raise KeyError
         assert blas_threads() == {2}
+
+
+def test_whoever_leaves_last_undoes_it() -> None:
+    entered, leave, left = Event(), Event(), Event()
+
+    def other() -> None:
+        with one_blas_thread:
+            entered.set()
+            leave.wait()
+        left.set()
+        stay.wait()  # a thread that lives on must not keep BLAS to itself
+
+    stay = Event()
+    thread = Thread(target=other)
+    with threadpool_limits(2, user_api="blas"):
+        pass
+    before = blas_threads()
+    with one_blas_thread:
+        thread.start()
+        entered.wait()
+    assert blas_threads() == {1}, "the other thread is still inside"
+    leave.set()
+    left.wait()
+    assert blas_threads() == before
+    with one_blas_thread:
+        assert blas_threads() == {1}
+    assert blas_threads() == before
+    stay.set()
+    thread.join()
+
+
+def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = {}
+
+    def watched(module: object, name: str) -> None:
+        inner = getattr(module, name)
+
+        def watching(*arguments: object, **named: object) -> object:
+            seen[name] = blas_threads()
+            return inner(*arguments, **named)
+
+        monkeypatch.setattr(module, name, watching)
+
+    watched(scans, "build_tree")
+    watched(pipeline, "shortlist")
+    watched(descriptor, "choose_keypoints")
+    pair = simulate_pair("paper_room", 1, points=20_000).pair
+    with threadpool_limits(2, user_api="blas"):
+        config = RegistrationConfig(generators=[Generator.descriptors])
+        pipeline.register(pair.source_m, pair.target_m, config=config)
+        assert seen == dict.fromkeys(("build_tree", "shortlist", "choose_keypoints"), {1})
+        seen.clear()
+        source, target = scans.describe((pair.source_m, pair.target_m), ("auto", "auto"))
+        network = descriptor.load_descriptor()
+        descriptor.correspond(source.skipmap, target.skipmap, network)
+        assert seen == dict.fromkeys(("build_tree", "choose_keypoints"), {1})
+        seen.clear()
+        descriptor.describe_keypoints(source.skipmap, network)
+        assert seen == {"choose_keypoints": {1}}

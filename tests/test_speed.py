@@ -58,6 +58,8 @@ def test_of_repeated_runs_the_middle_one_counts_and_all_must_be_right():
     wrong = replace(runs[0], is_right=False)
     assert middle([wrong, *runs[1:]]) == replace(runs[2], is_right=False)
     assert middle(runs[:1]) == runs[0]
+    failed = replace(runs[1], is_right=False, error="RuntimeError: out of luck")
+    assert middle([runs[0], failed, runs[2]]) == replace(failed, time_s=2.0, stages_s={"map": 2.0})
 
 
 def test_only_a_pose_within_the_thresholds_is_right_and_an_error_is_wrong(pair):
@@ -129,6 +131,7 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
     [
         ({"speed": SpeedConfig(["nosuch"], SIZES)}, "unknown scene family 'nosuch'"),
         ({"methods": ["skipnet", "icp_from_coarse"]}, "starts from the pose of"),
+        ({"methods": ["icp"], "speed": SpeedConfig(beams=[9], most_beams={"icp": 8})}, "above 8"),
         ({"methods": ["skipnet"]}, "choose another output_dir"),
     ],
 )

@@ -1,7 +1,9 @@
 """How many right correspondences: ``python -m skipnet.benchmark.inliers FOLDER [WEIGHTS ...]``.
 
-The learned descriptor, by default with the weights that ship, beside FPFH on the same keypoints of
-every pair of a folder with a pairs.json, each source turned at random. Nothing is registered.
+The learned descriptor with the weights that ship, and with others, beside FPFH on the same
+keypoints of every pair of a folder with a pairs.json, each source turned at random. Nothing is
+registered. Where a viewpoint is unknown FPFH's normals look to the given origin, which suits it
+better than the principal frame's, to which those of the pipeline's own FPFH look.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from skipnet.learning.descriptor_scores import (
     match,
     summarise,
 )
-from skipnet.registration.scans import Scan, describe
+from skipnet.registration.scans import Scan, checked, describe
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import Pair
 
@@ -41,7 +43,13 @@ def compare(pairs: Iterable[Pair], descriptors: dict[str, Descriptor]) -> Matche
     matches: Matches = {name: {} for name in (*descriptors, FPFH)}
     first = next(iter(descriptors.values()))
     for index, pair in enumerate(pairs):
-        source, target = describe((pair.source_m, pair.target_m), ("auto", "auto"))
+        clouds = [
+            checked(points_m, f"{pair.name}, {which}")
+            for which, points_m in (("source", pair.source_m), ("target", pair.target_m))
+        ]
+        source, target = describe(clouds, ("auto", "auto"))
+        if min(len(source.skipmap), len(target.skipmap)) == 0:
+            raise ValueError(f"{pair.name}: a scan has no voxel with enough points around it")
         T = invert(target.T_given_own) @ pair.T_target_source @ source.T_given_own
         oriented = source.viewpoint_m is not None and target.viewpoint_m is not None
         scans = TwoScans(source.skipmap, target.skipmap, T, oriented)
@@ -60,7 +68,7 @@ def compare(pairs: Iterable[Pair], descriptors: dict[str, Descriptor]) -> Matche
 
 
 def _with_sides(scan: Scan) -> SkipMap:
-    """For FPFH, which needs sides: towards the given origin, where the viewpoint is unknown."""
+    """For FPFH, which needs sides."""
     if scan.viewpoint_m is not None:
         return scan.skipmap
     return scan.skipmap.seen_from(invert(scan.T_given_own)[:3, 3])
@@ -95,7 +103,7 @@ def _line(title: str, pairs: int, values: list[float]) -> str:
 
 def main(folder: str, *weights: str) -> None:
     """Print the table."""
-    paths = {path: Path(path) for path in weights} or {"skipnet": SHIPPED_WEIGHTS}
+    paths = {"skipnet": SHIPPED_WEIGHTS} | {path: Path(path) for path in weights}
     descriptors = {name: load_descriptor(path) for name, path in paths.items()}
     print(table(compare(folder_pairs(folder), descriptors)))
 
@@ -105,6 +113,6 @@ if __name__ == "__main__":
         sys.exit("usage: python -m skipnet.benchmark.inliers FOLDER [WEIGHTS.npz ...]")
     try:
         main(*sys.argv[1:])
-    except (OSError, ValueError) as error:
-        print(error, file=sys.stderr)
+    except (ImportError, OSError, ValueError) as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
         sys.exit(2)

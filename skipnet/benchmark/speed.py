@@ -100,6 +100,12 @@ def _check(config: EvaluateConfig, path: Path) -> None:
                 f"methods: {name} starts from the pose of {before}, and benchmark=speed times "
                 f"whole methods: leave it out"
             )
+    most = max(_most_beams(config, name) for name in config.methods)
+    if config.speed.beams[0] > most:
+        raise ValueError(
+            f"speed.beams: the smallest of {config.speed.beams} is above {most:g}, the largest "
+            f"size in speed.most_beams of any method: choose smaller ones or more methods"
+        )
     if path.exists():
         raise ValueError(f"{path} has the measurements of another run: choose another output_dir")
 
@@ -132,9 +138,13 @@ def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
 
 
 def middle(runs: Sequence[Measurement]) -> Measurement:
-    """The run of the middle time among repeated ones (of two the longer); right if all are."""
+    """The run of the middle time among repeated ones, of two the longer.
+
+    It is right if all are, and has the error of the first that failed.
+    """
     found = sorted(runs, key=lambda run: run.time_s)[len(runs) // 2]
-    return replace(found, is_right=all(run.is_right for run in runs))
+    error = next((run.error for run in runs if run.error), "")
+    return replace(found, is_right=all(run.is_right for run in runs), error=error)
 
 
 def measure(method: Method, pair: Pair, about: Measurement) -> Measurement:

@@ -63,7 +63,7 @@ def draw_growth(
 
 
 def _draw_times(axes: Axes, rows: Sequence[dict[str, Any]], label: str, colour: str) -> None:
-    """Medians, with bars from the fastest to the slowest run."""
+    """Medians, with bars from the fastest to the slowest pair."""
     points, time_s = ([row[key] for row in rows] for key in ("points_per_scan", "time_s"))
     spread_s = [
         [row["time_s"] - row["fastest_s"] for row in rows],

@@ -52,7 +52,7 @@ def write_speed_report(
             tables.append(_memory_table(family, seen, labels))
     caption = (
         "Against points per scan, all logarithmic. Above, median time, with bars from the fastest "
-        "to the slowest run; the exponent is the slope of the line fitted to all sizes. Below, "
+        "to the slowest pair; the exponent is the slope of the line fitted to all sizes. Below, "
         "peak memory beyond the two scans."
     )
     growth = draw_growth(config, summary["rows"], summary["exponents"], labels)

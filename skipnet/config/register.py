@@ -63,6 +63,7 @@ class RegistrationConfig:
         for name in ("denoise_sigma", "feature_weight", "violation_weight"):
             value = getattr(self, name)
             require(0 <= value < math.inf, name, value, "a number of 0 or more")
+        require(self.feature_weight > 0, "feature_weight", self.feature_weight, "above 0")
         for name in ("max_correspondences", "refine_samples", "final_samples"):
             require(getattr(self, name) >= 50, name, getattr(self, name), "50 or more")
         neighbours = self.denoise_neighbours

@@ -38,8 +38,8 @@ _GRID = 60
 _PLACES = _GRID + 2
 _FAR_VOXELS = 1e4
 """Where the row that fills up a list lies: outside every cylinder."""
-_LIST_REACH_VOXELS = REACH_VOXELS + np.sqrt(3) / 2 + 0.02
-"""Beyond the cylinder's, from a cell's centre to its corners, and what float32 may err."""
+_LIST_REACH_VOXELS = REACH_VOXELS + 3**0.5 / 2
+"""Beyond the cylinder's, from a cell's centre to its corners."""
 _DISTANCES_AT_ONCE = 1 << 18
 _CHUNK = 256
 """Voxels described at a time: their pairs stay in the processor's cache."""
@@ -67,9 +67,11 @@ def cylinder_patches(skipmap: SkipMap, rows: IntArray) -> FloatArray:
     """
     if len(rows) == 0:
         return np.zeros((0, SECTORS, SECTOR_SIZE), dtype=np.float32)
-    near = level_of(skipmap).coarser()
-    frames = tangent_frames(skipmap, rows, near)
-    scales = [_one_scale(skipmap, rows, frames, level) for level in (near, near.coarser())]
+    levels = [level_of(skipmap)]
+    for _ in range(max(LEVELS)):
+        levels.append(levels[-1].coarser())
+    frames = tangent_frames(skipmap, rows, levels[1])
+    scales = [_one_scale(skipmap, rows, frames, levels[level]) for level in LEVELS]
     return np.concatenate(scales, axis=2)
 
 
@@ -122,15 +124,18 @@ class _Near:
 def _neighbours(middle: FloatArray, around: FloatArray) -> _Near:
     """The lists of (K, 3) voxels to describe among (W, 3) points, in voxels of the level.
 
-    A level has hundreds or a few thousand voxels: measuring all distances is quicker than a tree.
+    A level has hundreds or a few thousand voxels, unless a user chooses very small ones: measuring
+    all distances is quicker than a tree.
     """
     keys, group = np.unique(pack(np.floor(middle).astype(np.int64)), return_inverse=True)
     centres = (unpack(keys) + 0.5).astype(np.float32)
     left, right = factors_of_squared_distances(centres, around)
+    # Far from the middle float32 errs more; what is listed in vain is not counted.
+    error = 8 * np.finfo(np.float32).eps * float(right[-1].max(initial=0.0))
     rows, sizes = [np.zeros(0, dtype=np.int32)], np.zeros(len(keys), dtype=np.int64)
     step = max(1, _DISTANCES_AT_ONCE // max(1, len(around)))
     for start in range(0, len(keys), step):
-        near = left[start : start + step] @ right < _LIST_REACH_VOXELS**2
+        near = left[start : start + step] @ right < _LIST_REACH_VOXELS**2 + error
         size = sizes[start : start + step] = np.count_nonzero(near, axis=1)
         firsts = np.repeat(np.arange(len(near)) * len(around), size)
         rows.append((np.flatnonzero(near) - firsts).astype(np.int32))

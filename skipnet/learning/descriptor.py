@@ -173,7 +173,7 @@ def _gelu(values: FloatArray) -> FloatArray:
     return values * ndtr(values)
 
 
-@one_blas_thread()
+@one_blas_thread
 def describe_keypoints(
     skipmap: SkipMap,
     descriptor: Descriptor,
@@ -206,7 +206,7 @@ def classify_voxels(skipmap: SkipMap, rows: IntArray, descriptor: Descriptor) ->
     return descriptor.classify(build_patches(skipmap, rows), cylinder_patches(skipmap, rows))
 
 
-@one_blas_thread()
+@one_blas_thread
 def correspond(
     source: SkipMap,
     target: SkipMap,

@@ -72,7 +72,7 @@ def register(
     return register_scans(scans[0], scans[1], config, clock)
 
 
-@one_blas_thread()
+@one_blas_thread
 def register_scans(
     source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch
 ) -> Registration:

@@ -84,6 +84,8 @@ def refine(
     T: FloatArray = np.array(T_target_source, dtype=np.float64)
     result = _before_any_level(T)
     for source, target in levels:
+        if min(len(source), len(target)) == 0:
+            continue  # a level without surfaces has no hold
         sampled = _Surfaces.of(source, _spread_rows(len(source), samples))
         surfaces = _Surfaces.of(target, slice(None))
         table = build_surface_table(target, neighbours=False)

@@ -169,7 +169,7 @@ class Scan:
         return replace(self, evidence=self.evidence.weighing(weights))
 
 
-@one_blas_thread()
+@one_blas_thread
 def describe(
     clouds_m: Sequence[Cloud],
     viewpoints: Sequence[Viewpoint],

@@ -32,24 +32,31 @@ def list_pairs(folder: Path) -> list[Listed]:
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path} is no JSON object with a list of "pairs": {error!r}') from error
     if not isinstance(entries, list) or not entries:
-        raise ValueError(f'{path}: "pairs" must be a list with an entry or more, got {entries!r}')
+        got = f"{type(entries).__name__} {entries}"[:60]
+        raise ValueError(f'{path}: "pairs" must be a list with an entry or more, got {got}')
     pairs = []
     for number, entry in enumerate(entries):
         try:
             pairs.append(_parse(entry, folder))
         except KeyError as error:
             raise ValueError(f"{path}, entry {number}: it has no {error}") from error
-        except (AttributeError, TypeError, ValueError) as error:
+        except (TypeError, ValueError) as error:
             raise ValueError(f"{path}, entry {number}: {error}") from error
     return pairs
 
 
 def _parse(entry: dict[str, Any], folder: Path) -> Listed:
+    if not isinstance(entry, dict):
+        raise ValueError(f"expected an object with set, source and so on, got {entry!r}")
+    for key in ("set", "source", "target"):
+        if not isinstance(entry[key], str):
+            raise ValueError(f"{key} must be a string, got {entry[key]!r}")
     name = f"{entry['set']}/{Path(entry['source']).stem}-to-{Path(entry['target']).stem}"
     T_target_source = np.asarray(entry["T_target_source"], dtype=np.float64)
     if T_target_source.shape != (4, 4):
         raise ValueError(f"{name}: T_target_source must be 4x4, got shape {T_target_source.shape}")
-    if not np.allclose(T_target_source @ invert(T_target_source), np.eye(4), atol=1e-3):
+    is_rigid = np.allclose(T_target_source @ invert(T_target_source), np.eye(4), atol=1e-3)
+    if not is_rigid or np.linalg.det(T_target_source[:3, :3]) < 0:
         raise ValueError(f"{name}: T_target_source must be a rigid motion, got {T_target_source}")
     overlap = entry.get("overlap")
     return Listed(
