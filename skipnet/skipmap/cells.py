@@ -17,7 +17,7 @@ CELL_MIN, CELL_MAX = -_OFFSET, _OFFSET - 1
 """The smallest and the largest index that a packed cell can hold."""
 POINTS_AT_ONCE = 1 << 18
 """Points to group by cell in one go: far more than there are cells, and some 20 MB on the way."""
-_LARGEST_TABLE = 1 << 24
+_LARGEST_TABLE = 1 << 23
 """Entries that a table over a box of cells may have where the other way is to sort the points."""
 _LARGEST_SMALL_TABLE = 1 << 22
 """Likewise, where the other way is a hash table over the voxels."""
