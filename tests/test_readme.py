@@ -38,9 +38,11 @@ SCRIPTS = [line for line in COMMANDS if line.startswith("python ") and line not 
 @pytest.mark.parametrize("line", MODULES)
 def test_every_module_takes_the_arguments_it_is_given(line):
     _, _, module, *arguments = shlex.split(line)
-    main = importlib.import_module(module).main
-    bound = inspect.signature(main).bind(*(int(argument) for argument in arguments))
-    assert list(bound.arguments.values()) == [int(argument) for argument in arguments]
+    signature = inspect.signature(importlib.import_module(module).main)
+    given = [int(argument) if argument.isdigit() else argument for argument in arguments]
+    bound = signature.bind(*given)
+    for name, value in bound.arguments.items():
+        assert type(value).__name__ == signature.parameters[name].annotation
 
 
 @pytest.mark.parametrize("line", SCRIPTS)
