@@ -70,6 +70,15 @@ def test_the_longer_side_runs_to_the_right_and_is_still_seen_from_above(square):
     assert np.cross([0, 1, 0], [-1, 0, 0])[2] == 1
 
 
+@pytest.mark.parametrize("name", ["a.ply", "a_rather_long_name_of_a_scan_in_the_cellar.ply"])
+def test_the_legend_of_many_scans_fits_into_the_picture(square, name):
+    figure = pictures.draw_scans([square] * 7, [f"{number}: {name}" for number in range(7)])
+    figure.draw_without_rendering()
+    legend, picture = figure.legends[0].get_window_extent(), figure.bbox
+    assert picture.x0 <= legend.x0 and legend.x1 <= picture.x1
+    assert len(figure.legends[0].get_texts()) == 7
+
+
 def test_a_stray_point_does_not_set_the_scale(square):
     figure = pictures.draw_scans([np.concatenate([square, [[1000.0, 0, 0]]])], ["a.ply"])
     assert figure.axes[0].get_xlim()[1] < 10

@@ -54,11 +54,13 @@ def draw_growth(
             of_family = [row for row in rows if row["family"] == family]
             _draw_memory_limit(grid[1, column], of_family)
             grid[1, column].set(ylabel="peak memory beyond the scans (MB)")
-    for line, place in zip(grid, ("lower right", "upper left")[:lines], strict=True):
-        for axes in line:
-            axes.set(xlabel="points per scan", xscale="log", yscale="log")
-            axes.grid(alpha=0.3)
-            axes.legend(frameon=False, fontsize="small", loc=place)
+    for axes in grid.ravel():
+        axes.set(xlabel="points per scan", xscale="log", yscale="log")
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, fontsize="small", loc="upper left")
+    for axes in grid[:, 0]:  # those of a row share their axis
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high * (high / low) ** 0.5)  # room for the legend above the lines
     return figure
 
 

@@ -101,9 +101,10 @@ def register_scan_files(
         clouds_m, voxel_size_m=choices.voxel_size_m, seed=choices.seed, config=choices.registration
     )
     names = [str(scan) for scan in scans]
+    poses = zip(scans, result.T_first_scan, clouds_m, strict=True)
     placed = [
-        (name, transform_points(T_first_scan, points_of(cloud_m)))
-        for name, T_first_scan, cloud_m in zip(names, result.T_first_scan, clouds_m, strict=True)
+        (f"{number}: {Path(scan).name}", transform_points(T_first_scan, points_of(cloud_m)))
+        for number, (scan, T_first_scan, cloud_m) in enumerate(poses)
         if T_first_scan is not None
     ]
     png = _write_scans([cloud_m for _, cloud_m in placed], [name for name, _ in placed], output_dir)

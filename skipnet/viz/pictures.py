@@ -261,6 +261,9 @@ def _draw_dots(
     return axes.scatter(points_m[:, horizontal], points_m[:, vertical], linewidths=0, **style)
 
 
+_LEGEND_CHARACTERS_PER_INCH = 11
+
+
 def _add_legend(figure: Figure, colours: dict[str, str]) -> None:
     from matplotlib.lines import Line2D
 
@@ -268,6 +271,7 @@ def _add_legend(figure: Figure, colours: dict[str, str]) -> None:
         Line2D([], [], marker="o", linestyle="", markersize=8, color=colour, label=name)
         for name, colour in colours.items()
     ]
-    figure.legend(
-        handles=marks, loc="outside lower center", ncols=min(len(marks), 5), frameon=False
-    )
+    longest = max(len(name) for name in colours) + 6  # with its dot and a gap
+    fit = int(figure.get_figwidth() * _LEGEND_CHARACTERS_PER_INCH / longest)
+    columns = int(np.clip(fit, 1, min(len(marks), 5)))
+    figure.legend(handles=marks, loc="outside lower center", ncols=columns, frameon=False)
