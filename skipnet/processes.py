@@ -42,9 +42,9 @@ class _OneBlasThread(ContextDecorator):
         from threadpoolctl import ThreadpoolController
 
         with self._lock:
-            self._inside += 1
-            if self._inside == 1:
+            if self._inside == 0:
                 self._limit = ThreadpoolController().limit(limits=1, user_api="blas")
+            self._inside += 1
 
     def __exit__(self, *error: object) -> None:
         from threadpoolctl import OpenBLASController
@@ -59,7 +59,8 @@ class _OneBlasThread(ContextDecorator):
 
 
 one_blas_thread = _OneBlasThread()
-"""In its body, or in a function that it decorates, NumPy computes a product in the calling thread.
+"""In its body, or in a function that it decorates, NumPy computes a product in the calling thread;
+so does every other BLAS that is loaded by then.
 
 Two scans are described in two threads. Left alone, BLAS starts others for the products of each,
 lets one product wait for another, and its idle threads spin for a while: describing and matching

@@ -8,6 +8,7 @@ from threading import Event, Thread
 
 import numpy as np
 import pytest
+import scipy.linalg  # noqa: F401  # has a BLAS of its own, which only counts once it is loaded
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from skipnet.config import Generator, RegistrationConfig
@@ -84,20 +85,18 @@ def test_whoever_leaves_last_undoes_it() -> None:
     stay = Event()
     thread = Thread(target=other)
     with threadpool_limits(2, user_api="blas"):
-        pass
-    before = blas_threads()
-    with one_blas_thread:
-        thread.start()
-        entered.wait()
-    assert blas_threads() == {1}, "the other thread is still inside"
-    leave.set()
-    left.wait()
-    assert blas_threads() == before
-    with one_blas_thread:
-        assert blas_threads() == {1}
-    assert blas_threads() == before
-    stay.set()
-    thread.join()
+        with one_blas_thread:
+            thread.start()
+            entered.wait()
+        assert blas_threads() == {1}, "the other thread is still inside"
+        leave.set()
+        left.wait()
+        assert blas_threads() == {2}
+        with one_blas_thread:
+            assert blas_threads() == {1}
+        assert blas_threads() == {2}
+        stay.set()
+        thread.join()
 
 
 def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:

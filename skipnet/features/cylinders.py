@@ -124,8 +124,7 @@ class _Near:
 def _neighbours(middle: FloatArray, around: FloatArray) -> _Near:
     """The lists of (K, 3) voxels to describe among (W, 3) points, in voxels of the level.
 
-    A level has hundreds or a few thousand voxels, unless a user chooses very small ones: measuring
-    all distances is quicker than a tree.
+    A level has hundreds or a few thousand voxels: measuring all distances is quicker than a tree.
     """
     keys, group = np.unique(pack(np.floor(middle).astype(np.int64)), return_inverse=True)
     centres = (unpack(keys) + 0.5).astype(np.float32)

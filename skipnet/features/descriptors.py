@@ -40,7 +40,7 @@ def fpfh(skipmap: SkipMap) -> FloatArray:
 def factors_of_squared_distances(
     source: FloatArray, target: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(V, D + 2) and (D + 2, W), whose product are the squared distances of (V, D) and (W, D) rows.
+    """(V, D + 2) and (D + 2, W), whose product holds all squared distances of (V, D) and (W, D).
 
     |s - t|^2 = |s|^2 - 2 s.t + |t|^2 as one product of rows with two more columns.
     """

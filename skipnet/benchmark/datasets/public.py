@@ -131,7 +131,7 @@ def folder_pairs(
 
 
 def _list(dataset: Dataset, kind: DatasetKind, folder: str | Path | None) -> list[Listed]:
-    where = f"name the folder with data=FOLDER; it holds {dataset.layout}; get it: {dataset.source}"
+    where = f"data=FOLDER must name one with {dataset.layout}; get it: {dataset.source}"
     if folder is None:
         raise FileNotFoundError(f"dataset={kind.name} needs a folder: {where}")
     try:
