@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
+from skipnet.compiled import compiled
 from skipnet.types import FloatArray
 
-_CHUNK = 1 << 14
-"""Points handled at a time: enough to outweigh the calls, few enough for the cache, and for BLAS
-to keep to one thread: two on so small a product wait for each other longer than they compute."""
+_BLOCK = 1 << 10
+"""Points whose sums are taken on their own before they are added to the others': fewer digits are
+lost."""
+_SAMPLE = 1000
 
 
 def make_transform(rotation: FloatArray, translation_m: FloatArray) -> FloatArray:
@@ -37,45 +37,23 @@ def transform_points(T_a_b: FloatArray, points_b_m: FloatArray) -> FloatArray:
     >>> transform_points(make_transform(np.eye(3), np.array([1.0, 0, 0])), np.zeros((1, 3)))
     array([[1., 0., 0.]])
     """
-    if points_b_m.ndim == T_a_b.ndim == 2 and len(points_b_m) > _CHUNK:
-        return np.concatenate([xyz_m.T for xyz_m in columns(points_b_m, T_a_b)])
     rotation = T_a_b[..., :3, :3]
     return points_b_m @ np.swapaxes(rotation, -1, -2) + T_a_b[..., None, :3, 3]
 
 
-def columns(
-    points_b_m: FloatArray, T_a_b: FloatArray | None = None, chunk: int = _CHUNK
-) -> Iterator[FloatArray]:
-    """Walk through (N, 3) points, chunk after chunk, without a copy of them all.
-
-    Args:
-        points_b_m: points of any real type.
-        T_a_b: (4, 4) motion to apply on the way; None for none.
-        chunk: points at a time.
-
-    Yields:
-        (3, n) float64 coordinates, each axis contiguous: several times faster to compute with.
-    """
-    for start in range(0, len(points_b_m), chunk):
-        rows_m = points_b_m[start : start + chunk]
-        xyz_m = np.empty((3, len(rows_m)))
-        for first in range(0, len(rows_m), _CHUNK):
-            piece_m = xyz_m[:, first : first + _CHUNK]
-            piece_m[:] = rows_m[first : first + _CHUNK].T
-            if T_a_b is not None:
-                piece_m[:] = T_a_b[:3, :3] @ piece_m
-                piece_m += T_a_b[:3, 3:]
-        yield xyz_m
-
-
+@compiled
 def bounds(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The (3,) smallest and largest coordinates of (N, 3) points, N >= 1; NaN if there is one.
+    """The (3,) smallest and largest coordinates of (N, 3) points, N >= 1, none of them NaN.
 
     >>> bounds(np.array([[1, 5, 0], [3, 2, 0]]))
     (array([1., 2., 0.]), array([3., 5., 0.]))
     """
-    ends = [(xyz_m.min(axis=1), xyz_m.max(axis=1)) for xyz_m in columns(points_m)]
-    return np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)
+    low_m, high_m = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(points_m)):
+        for axis in range(3):
+            low_m[axis] = min(low_m[axis], points_m[i, axis])
+            high_m[axis] = max(high_m[axis], points_m[i, axis])
+    return low_m, high_m
 
 
 def central_moments(points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -85,24 +63,62 @@ def central_moments(points_m: FloatArray) -> tuple[FloatArray, FloatArray, Float
         (3,) their mean, and about it the (3, 3) sums of products of two coordinates and the
         (3, 3, 3) sums of products of three.
     """
-    near_m: FloatArray | float = 0.0  # sums about a place among the points keep their digits
-    first, six, third = np.zeros(3), np.zeros(6), np.zeros((3, 6))
-    i, j = np.triu_indices(3)
-    for index, xyz_m in enumerate(columns(points_m)):
-        near_m = near_m if index else xyz_m.mean(axis=1)
-        xyz_m -= np.reshape(near_m, (3, 1))
-        products = xyz_m[i]
-        products *= xyz_m[j]
-        first += xyz_m.sum(axis=1)
-        six += products.sum(axis=1)
-        third += [products @ axis_m for axis_m in xyz_m]  # BLAS is slow at one 3 x n x 6 product
-    full = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-    count, second, cubes = len(points_m), six[full], third[:, full]
+    # Sums about a place among the points keep their digits.
+    near_m = points_m[:: len(points_m) // _SAMPLE + 1].mean(axis=0, dtype=np.float64)
+    sums = _sums_of_products(points_m, near_m)
+    first, second = sums[:3], sums[3:9][_PAIRS]
+    cubes = sums[9:][_TRIPLES]
+    count = len(points_m)
     shift_m = first / count
     mixed = np.multiply.outer(shift_m, second)
     cubes -= mixed + mixed.transpose(1, 0, 2) + mixed.transpose(2, 1, 0)
     cubes += 2 * count * np.einsum("i,j,k->ijk", shift_m, shift_m, shift_m)
     return near_m + shift_m, second - count * np.outer(shift_m, shift_m), cubes
+
+
+_PAIRS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+_TRIPLES = np.array(
+    [
+        [[0, 1, 2], [1, 3, 4], [2, 4, 5]],
+        [[1, 3, 4], [3, 6, 7], [4, 7, 8]],
+        [[2, 4, 5], [4, 7, 8], [5, 8, 9]],
+    ]
+)
+
+
+@compiled
+def _sums_of_products(points_m: FloatArray, about_m: FloatArray) -> FloatArray:
+    """(19,) sums of x, y, z; xx, xy, xz, yy, yz, zz; xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz,
+    zzz of the points' coordinates about a place."""
+    total = np.zeros(19)
+    for start in range(0, len(points_m), _BLOCK):
+        sums = np.zeros(19)
+        for i in range(start, min(start + _BLOCK, len(points_m))):
+            x = points_m[i, 0] - about_m[0]
+            y = points_m[i, 1] - about_m[1]
+            z = points_m[i, 2] - about_m[2]
+            xx, xy, xz, yy, yz, zz = x * x, x * y, x * z, y * y, y * z, z * z
+            sums[0] += x
+            sums[1] += y
+            sums[2] += z
+            sums[3] += xx
+            sums[4] += xy
+            sums[5] += xz
+            sums[6] += yy
+            sums[7] += yz
+            sums[8] += zz
+            sums[9] += xx * x
+            sums[10] += xx * y
+            sums[11] += xx * z
+            sums[12] += yy * x
+            sums[13] += xy * z
+            sums[14] += zz * x
+            sums[15] += yy * y
+            sums[16] += yy * z
+            sums[17] += zz * y
+            sums[18] += zz * z
+        total += sums
+    return total
 
 
 def invert(T_a_b: FloatArray) -> FloatArray:
@@ -165,6 +181,9 @@ def rotation_from_vector(vector_rad: FloatArray) -> FloatArray:
     """
     vector_rad = np.asarray(vector_rad, dtype=np.float64)
     half_turns = np.linalg.norm(vector_rad, axis=-1)[..., None, None] / np.pi
-    cross = np.cross(np.eye(3), vector_rad[..., None, :])
+    cross = np.zeros((*vector_rad.shape[:-1], 3, 3))
+    x, y, z = (vector_rad[..., axis] for axis in range(3))
+    cross[..., 1, 0], cross[..., 2, 0], cross[..., 2, 1] = z, -y, x
+    cross -= np.swapaxes(cross, -1, -2)
     bent = 0.5 * np.sinc(half_turns / 2) ** 2 * (cross @ cross)
     return np.eye(3) + np.sinc(half_turns) * cross + bent

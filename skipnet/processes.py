@@ -5,12 +5,13 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ContextDecorator, contextmanager
+from functools import cache
 from multiprocessing import get_context
 from threading import Lock
-from typing import Any
+from typing import Any, TypeVar
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """Of mallopt(3): how much freed memory is kept, and from which size on none is."""
@@ -18,6 +19,46 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 Each = Callable[..., Iterator[Any]]
 """``map``, or what does the same in other processes."""
+_Result = TypeVar("_Result")
+
+
+def side_by_side(function: Callable[..., _Result], *columns: Iterable[Any]) -> list[_Result]:
+    """``list(map(function, *columns))``, with the calls spread over this thread and others.
+
+    For few long calls that mostly leave Python's lock alone. This thread takes the first one: were
+    it to wait, the system might well put two others on the processor that it has just left.
+    """
+    calls = list(zip(*columns, strict=True))
+    results: list[_Result] = [None] * len(calls)  # type: ignore[list-item]
+    numbers = iter(range(len(calls)))
+
+    def work() -> None:
+        for number in numbers:
+            results[number] = function(*calls[number])
+
+    helpers = min(processors(), len(calls)) - 1
+    others = [_helpers().submit(work) for _ in range(helpers)]
+    try:
+        work()
+    finally:
+        # Whoever has not begun by now, because all helpers are busy, is not needed any more.
+        begun = [other for other in others if not other.cancel()]
+        for other in begun:
+            other.result()
+    return results
+
+
+def processors() -> int:
+    """How many of the machine's processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@cache
+def _helpers() -> ThreadPoolExecutor:
+    """Threads that stay, because to start one takes as long as a short call."""
+    return ThreadPoolExecutor(processors(), thread_name_prefix="skipnet")
 
 
 def keep_freed_memory() -> None:
@@ -37,13 +78,16 @@ class _OneBlasThread(ContextDecorator):
     def __init__(self) -> None:
         self._lock = Lock()
         self._inside = 0
+        self._modules = 0
 
     def __enter__(self) -> None:
         from threadpoolctl import ThreadpoolController
 
         with self._lock:
             if self._inside == 0:
-                self._limit = ThreadpoolController().limit(limits=1, user_api="blas")
+                if len(sys.modules) != self._modules:  # else no other BLAS has come since
+                    self._modules, self._controller = len(sys.modules), ThreadpoolController()
+                self._limit = self._controller.limit(limits=1, user_api="blas")
             self._inside += 1
 
     def __exit__(self, *error: object) -> None:

@@ -93,7 +93,7 @@ def test_concave_and_convex_corners_differ_when_the_viewpoint_is_known() -> None
 
 def test_without_a_viewpoint_the_sign_of_the_normals_does_not_matter(corner: SkipMap) -> None:
     rows = feature_voxels(corner)
-    flipped = replace(corner, axes=-corner.axes, viewpoint_m=None)
+    flipped = replace(corner, normals=-corner.normals, viewpoint_m=None)
     expected = build_patches(replace(corner, viewpoint_m=None), rows)
     np.testing.assert_allclose(build_patches(flipped, rows), expected, atol=1e-5)
 

@@ -58,9 +58,9 @@ def test_two_sides_of_a_thin_wall_are_two_planes_when_the_sensor_is_known():
     far = rng.uniform([2.12, 1, 0], [2.12, 3, 3], size=(20_000, 3))
     skipmap = build_skipmap(np.concatenate([near, far]), 0.2, np.array([0.0, 0, 1.5]))
     away = skipmap.centroids_m[:, 1] > 0.5
-    axes = skipmap.axes.copy()
-    axes[away, :, 0] *= -1  # as if seen from behind
-    planes = find_planes(replace(skipmap, axes=axes))
+    normals = skipmap.normals.copy()
+    normals[away] *= -1  # as if seen from behind
+    planes = find_planes(replace(skipmap, normals=normals))
     assert len(planes) == 2
     np.testing.assert_allclose(np.abs(planes.normals[:, 0]), 1.0, atol=1e-3)
     assert planes.normals[0] @ planes.normals[1] == pytest.approx(-1, abs=1e-3)

@@ -41,7 +41,7 @@ def test_every_voxel_is_described_by_the_points_of_its_27_cells(scan_m, skipmap)
 
 def test_counts_and_centroids_are_of_the_voxels_own_points(scan_m, skipmap):
     cells = np.floor((scan_m - skipmap.origin_m) / SIZE_M).astype(int)
-    rows = skipmap.find(cells)
+    rows = skipmap.table.find(cells)
     for row in np.random.default_rng(1).choice(len(skipmap), 100, replace=False):
         own_m = scan_m[rows == row]
         assert skipmap.counts[row] == len(own_m)
@@ -81,9 +81,10 @@ def test_normals_point_to_the_sensor_and_forget_it_when_told(skipmap):
 
 
 def test_lookup_knows_every_effective_voxel_and_nothing_else(skipmap):
-    np.testing.assert_array_equal(skipmap.find(skipmap.cells), np.arange(len(skipmap)))
-    np.testing.assert_array_equal(skipmap.find_keys(skipmap.keys), np.arange(len(skipmap)))
-    assert (skipmap.find(skipmap.cells + 500) == -1).all()
+    rows = np.arange(len(skipmap))
+    np.testing.assert_array_equal(skipmap.table.find(skipmap.cells), rows)
+    np.testing.assert_array_equal(skipmap.find_around(rows, np.zeros((1, 3), int))[:, 0], rows)
+    assert (skipmap.table.find(skipmap.cells + 500) == -1).all()
 
 
 def test_the_next_level_from_the_tree_equals_the_one_from_the_points(scan_m):

@@ -5,17 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.skipmap.cells import (
-    CELL_MAX,
-    CELL_MIN,
-    CellIndex,
-    cells_of,
-    group_by_cell,
-    halve,
-    neighbour_rows,
-    pack,
-    unpack,
-)
+from skipnet.geometry import make_transform, random_rotation, transform_points
+from skipnet.skipmap.cells import cells_of, group_by_cell, halve, occupied_cells, pack, unpack
+from skipnet.skipmap.grouping import CELL_MAX, CELL_MIN, group_keys
 
 
 def random_cells(count, low=CELL_MIN, high=CELL_MAX, seed=0):
@@ -55,82 +47,42 @@ def test_adding_a_packed_difference_steps_to_the_neighbour():
     np.testing.assert_array_equal(unpack(pack(cells) + step), cells + [1, -1, 1])
 
 
-@pytest.mark.parametrize("extent", [3, 40, CELL_MAX])
-def test_the_index_finds_what_a_dict_finds(extent):
-    keys = np.unique(pack(random_cells(4000, -extent, extent)))
-    rng = np.random.default_rng(1)
-    stored = rng.permutation(keys)[: max(1, 2 * len(keys) // 3)]
-    oracle = {int(key): row for row, key in enumerate(stored)}
-    queries = rng.choice(keys, size=(50, 40))
-    expected = [[oracle.get(int(key), -1) for key in line] for line in queries]
-    np.testing.assert_array_equal(CellIndex(stored).find(queries), expected)
-
-
-def test_the_index_grows_batch_by_batch_and_keeps_first_values():
-    keys = np.unique(pack(random_cells(3000, -30, 30)))
-    index, oracle = CellIndex(keys[:5]), {int(key): row for row, key in enumerate(keys[:5])}
-    rng = np.random.default_rng(2)
-    for batch in range(30):
-        some = rng.choice(keys, size=200, replace=False)
-        values = 1000 * batch + np.arange(200)
-        index.insert(some, values)
-        for key, value in zip(some.tolist(), values.tolist(), strict=True):
-            oracle.setdefault(key, value)
-    expected = [oracle.get(int(key), -1) for key in keys]
-    np.testing.assert_array_equal(index.find(keys), expected)
-
-
-def test_an_empty_index_finds_nothing():
-    index = CellIndex(np.zeros(0, dtype=np.int64))
-    np.testing.assert_array_equal(index.find(pack(random_cells(7))), np.full(7, -1))
-
-
 def test_points_too_far_for_a_key_are_refused_with_advice():
     points_m = np.array([[0.0, 0, 0], [0, 0.001 * (CELL_MAX + 2), 0]])
     with pytest.raises(ValueError, match=r"more than 1048576 voxels of 0\.001 m.*larger voxel"):
         cells_of(points_m, 0.001, np.zeros(3))
 
 
-# A narrow cloud goes through a table over its box, a wide one through a sort or a hash table.
 @pytest.mark.parametrize("extent_m", [3.0, 900.0])
-def test_points_are_grouped_as_numpys_unique_groups_their_cells(extent_m):
-    points_m = np.random.default_rng(6).uniform(-extent_m, extent_m, size=(4000, 3))
-    keys, row = group_by_cell(np.ascontiguousarray(points_m.T), 0.5)
-    expected = np.unique(pack(cells_of(points_m, 0.5, np.zeros(3))), return_inverse=True)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("room", [2, 16])
+def test_points_are_grouped_as_numpys_unique_groups_their_cells(extent_m, dtype, room, monkeypatch):
+    monkeypatch.setattr("skipnet.skipmap.grouping._MOST_BITS_AT_FIRST", room)  # the rest grows
+    rng = np.random.default_rng(6)
+    points_m = rng.uniform(-extent_m, extent_m, size=(20_000, 3)).astype(dtype)
+    T = make_transform(random_rotation(rng), rng.normal(size=3))
+    keys, row = group_by_cell(points_m, 0.5, T)
+    own_m = transform_points(T, points_m)
+    expected = np.unique(pack(cells_of(own_m, 0.5, np.zeros(3))), return_inverse=True)
     np.testing.assert_array_equal(keys, expected[0])
     np.testing.assert_array_equal(row, expected[1])
+    np.testing.assert_array_equal(np.sort(occupied_cells(points_m, 0.5, T)), keys)
 
 
-@pytest.mark.parametrize("extent", [4, 2000])
-def test_neighbours_are_those_that_a_dict_finds(extent):
-    cells = np.unique(np.random.default_rng(7).integers(-extent, extent, size=(300, 3)), axis=0)
-    cells = np.concatenate([cells, cells[:50] + [0, 0, 3 * extent]])
-    offsets = np.array([[0, 0, 0], [1, 0, 0], [0, -1, 2], [-3, 0, 0]])
-    row_of = {tuple(cell): row for row, cell in enumerate(cells)}
-    around = [[row_of.get(tuple(cell + offset), -1) for offset in offsets] for cell in cells]
-    expected = [[row for row in rows if row >= 0] for rows in around]
-    rows, ends = neighbour_rows(pack(cells), offsets)
-    np.testing.assert_array_equal(rows, np.concatenate(expected))
-    np.testing.assert_array_equal(np.diff(ends), [len(rows) for rows in expected])
-    assert ends[0] == 0
-    rows, ends = neighbour_rows(np.zeros(0, dtype=np.int64), offsets)
-    assert len(rows) == 0 and ends.tolist() == [0]
-
-
-def test_neighbours_of_many_cells_are_found_piece_by_piece(monkeypatch):
-    monkeypatch.setattr("skipnet.skipmap.cells._CELLS_AT_ONCE", 700)
-    cells = np.stack(np.meshgrid(*3 * [np.arange(20)], indexing="ij"), axis=-1).reshape(-1, 3)
-    rows, ends = neighbour_rows(pack(cells), np.array([[0, 0, 1], [-1, 0, 0]]))
-    above, behind = cells[:, 2] < 19, cells[:, 0] > 0
-    np.testing.assert_array_equal(np.diff(ends), above.astype(int) + behind)
-    owner = np.repeat(np.arange(len(cells)), np.diff(ends))
-    steps = cells[rows] - cells[owner]
-    assert set(map(tuple, steps)) == {(0, 0, 1), (-1, 0, 0)}
+@pytest.mark.parametrize("extent", [1, 12, CELL_MAX])
+@pytest.mark.parametrize("room", [2, 16])
+def test_keys_are_grouped_as_numpys_unique_groups_them(extent, room, monkeypatch):
+    monkeypatch.setattr("skipnet.skipmap.grouping._MOST_BITS_AT_FIRST", room)  # the rest grows
+    keys = pack(random_cells(9000, -extent, extent))
+    for given, expected in zip(group_keys(keys), np.unique(keys, return_inverse=True), strict=True):
+        np.testing.assert_array_equal(given, expected)
+    assert [len(part) for part in group_keys(keys[:0])] == [0, 0]
 
 
 @pytest.mark.parametrize("far_m", [1e9, -1e9, np.nan])
 def test_points_too_far_to_be_grouped_are_refused(far_m):
-    xyz_m = np.zeros((3, 10))
-    xyz_m[1, 4] = far_m
-    with pytest.raises(ValueError, match="choose a larger voxel_size_m"):
-        group_by_cell(xyz_m, 0.1)
+    points_m = np.zeros((10, 3))
+    points_m[4, 1] = far_m
+    for group in (group_by_cell, occupied_cells):
+        with pytest.raises(ValueError, match="choose a larger voxel_size_m"):
+            group(points_m, 0.1, np.eye(4))

@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.geometry import random_rotation
-from skipnet.skipmap.moments import add_up, curvature, moments_of_points, principal_axes
+from skipnet.geometry import make_transform, random_rotation, transform_points
+from skipnet.skipmap.cells import pack
+from skipnet.skipmap.moments import (
+    add_neighbours,
+    add_up,
+    curvature,
+    moments_of_points,
+    principal_axes,
+    sum_groups,
+)
 
 SIZES = [1, 2, 7, 100]
 STARTS = np.cumsum([0, *SIZES[:-1]])
@@ -84,6 +92,33 @@ def test_moved_moments_are_those_of_the_moved_points(points_m):
     moved = moments_of_points(points_m).moved(rotation, shift_m)
     expected = moments_of_points(points_m @ rotation.T + shift_m)
     np.testing.assert_allclose(moved.sums, expected.sums, rtol=1e-10, atol=1e-12)
+
+
+def test_points_are_moved_while_they_are_added_up(points_m):
+    rng = np.random.default_rng(6)
+    T = make_transform(random_rotation(rng), rng.normal(size=3))
+    group = rng.integers(3, size=len(points_m))
+    expected = add_up(moments_of_points(transform_points(T, points_m)), group, 3)
+    np.testing.assert_allclose(sum_groups(points_m, group, 3, T).sums, expected.sums, atol=1e-10)
+
+
+@pytest.mark.parametrize("extent", [2, 9, 4000])
+def test_neighbours_are_those_that_a_dict_finds(extent):
+    rng = np.random.default_rng(7)
+    cells = np.unique(rng.integers(-extent, extent, size=(600, 3)), axis=0)
+    cells = np.concatenate([cells, cells[-50:] + [0, 0, 1], cells[:50] + [9 * extent, 0, 0]])
+    cells = np.unique(cells, axis=0)
+    own = moments_of_points(rng.normal(size=(len(cells), 3)))
+    row_of = {tuple(cell): row for row, cell in enumerate(cells)}
+    expected = np.zeros_like(own.sums)
+    for row, cell in enumerate(cells):
+        for step in np.ndindex(3, 3, 3):
+            near = row_of.get(tuple(cell + step - 1))
+            if near is not None:
+                expected[row] += own.sums[near]
+    steps = np.array([(x, y, 0) for x in (-1, 0, 1) for y in (-1, 0, 1)])
+    around = add_neighbours(own, pack(cells), pack(steps) - pack(np.zeros(3, dtype=np.int64)))
+    np.testing.assert_allclose(around.sums, expected, atol=1e-12)
 
 
 def test_rows_are_selected_by_index_mask_and_slice(moments):

@@ -59,11 +59,9 @@ def test_the_order_of_points_does_not_matter(tree, points_m):
     assert_same_trees(build_tree(shuffled_m, SIZE_M, ORIGIN_M), tree)
 
 
-def test_points_are_moved_on_the_way_and_large_scans_taken_in_chunks(points_m, monkeypatch):
+def test_points_are_moved_on_the_way(points_m):
     T = make_transform(random_rotation(np.random.default_rng(5)), np.array([3.0, -1.0, 0.5]))
     moved = build_tree(transform_points(T, points_m), SIZE_M, ORIGIN_M)
-    assert_same_trees(build_tree(points_m, SIZE_M, ORIGIN_M, T), moved)
-    monkeypatch.setattr("skipnet.skipmap.tree.POINTS_AT_ONCE", 700)
     assert_same_trees(build_tree(points_m, SIZE_M, ORIGIN_M, T), moved)
 
 

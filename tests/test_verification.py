@@ -50,6 +50,13 @@ def pair():
     return simulate_pair("paper_room", 1, points=30_000).pair
 
 
+def flat_bins(directions, bins):
+    """Number of the bin of each of (N, 3) directions, line by line."""
+    lines, columns = np.array([octahedral_bin(*direction, bins) for direction in directions]).T
+    assert min(lines.min(), columns.min()) >= 0 and max(lines.max(), columns.max()) < bins
+    return lines * bins + columns
+
+
 @pytest.mark.parametrize("bins", [4, 33, 256])
 def test_octahedral_bins_agree_with_an_independent_inverse_for_every_bin(bins):
     centres = (np.arange(bins) + 0.5) / bins * 2 - 1
@@ -61,16 +68,14 @@ def test_octahedral_bins_agree_with_an_independent_inverse_for_every_bin(bins):
     inner = np.abs(z) > 1e-9  # a bin cut in half by the equator has no side of its own
     directions = np.stack([x, y, z], axis=-1) * np.linspace(0.1, 50, bins)[:, None, None]
     expected = np.arange(bins * bins).reshape(bins, bins)
-    np.testing.assert_array_equal(
-        octahedral_bin(*np.moveaxis(directions, -1, 0), bins)[inner], expected[inner]
-    )
+    np.testing.assert_array_equal(flat_bins(directions[inner], bins), expected[inner])
 
 
 def test_octahedral_bins_cover_all_directions_and_keep_neighbours_together():
     directions = np.random.default_rng(0).normal(size=(200_000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     bins = 32
-    flat = octahedral_bin(*directions.T, bins)
+    flat = flat_bins(directions, bins)
     counts = np.bincount(flat, minlength=bins * bins)
     assert len(counts) == bins * bins and counts.min() > 0
     assert counts.max() < 3 * counts.mean()
@@ -79,7 +84,7 @@ def test_octahedral_bins_cover_all_directions_and_keep_neighbours_together():
     angle_rad = np.arccos(np.clip((means[flat] * directions).sum(axis=1), -1, 1))
     assert angle_rad.max() < 5 / bins
     special = np.array([[0.0, 0, 0], *np.eye(3), *-np.eye(3), [-1, 0, -0.0], [0, -1, 1e-30]])
-    found = octahedral_bin(*special.T, bins)
+    found = flat_bins(special, bins)
     assert ((found >= 0) & (found < 1024)).all()
 
 
@@ -92,10 +97,20 @@ def test_the_range_image_gives_the_nearest_range_seen_and_0_where_nothing_was():
     seen = directions[:, 2] > -0.5
     image = build_range_image(viewpoint_m + (directions * ranges_m[:, None])[seen], viewpoint_m)
     clear_of_borders = (np.abs(directions[:, 0]) > 0.2) & (np.abs(directions[:, 2] + 0.5) > 0.2)
-    range_m, seen_m = image.range_towards(*(viewpoint_m + 2.5 * directions).T)
-    np.testing.assert_allclose(range_m, 2.5)
-    expected = np.where(seen, ranges_m, 0.0)
-    np.testing.assert_allclose(seen_m[clear_of_borders], expected[clear_of_borders], rtol=1e-6)
+    # A point is in front where it is nearer than what was seen by a tenth and half a metre.
+    T = make_transform(random_rotation(rng), rng.normal(size=3))
+    asked = rng.uniform(size=(2, len(directions))) < 0.8
+    for range_m in (2.5, 3.05, 3.15, 5.75, 5.85):
+        points_m = transform_points(invert(T), viewpoint_m + range_m * directions)
+        front = image.in_front(np.stack([T, EYE[0]]), points_m, asked, 0.1, 0.5)
+        expected = seen & (range_m < 0.9 * ranges_m - 0.5)
+        np.testing.assert_array_equal(
+            front[0, clear_of_borders], (expected & asked[0])[clear_of_borders]
+        )
+        np.testing.assert_array_equal(
+            image.in_front(EYE, transform_points(T, points_m), asked[1:], 0.1, 0.5)[0],
+            image.in_front(T[None], points_m, asked[1:], 0.1, 0.5)[0],
+        )
 
 
 def test_a_scan_agrees_with_itself_entirely():
@@ -109,11 +124,11 @@ def test_a_panel_in_seen_free_space_is_a_violation_and_counts_by_its_voxels():
     room_m = box_room()
     panel_m = plane_points(4000, [1.03, -1, -1], [1.03, 1, 1])
     target, source = evidence_of(room_m), evidence_of(np.concatenate([room_m, panel_m]))
-    is_panel = np.abs(source.points_m[0] - 1.03) < 0.1
-    is_panel &= (np.abs(source.points_m[1:]) < 1.1).all(axis=0)
+    is_panel = np.abs(source.points_m[:, 0] - 1.03) < 0.1
+    is_panel &= (np.abs(source.points_m[:, 1:]) < 1.1).all(axis=1)
     share = is_panel.mean()
     assert share > 0.01
-    score = judge(EYE, source, target, source.points_m.shape[1], violation_weight=12.0)
+    score = judge(EYE, source, target, len(source.points_m), violation_weight=12.0)
     # The target's sensor saw through where the panel is; the source's saw the panel before the
     # wall, and does not blame the target for a wall behind it.
     assert score.violation[0] == pytest.approx(0.5 * share, rel=0.05)
@@ -159,7 +174,7 @@ def test_weights_say_how_much_a_voxel_counts():
         weights=lambda skipmap: np.where(skipmap.centroids_m[:, 0] > 0, 9.0, 1.0),
     )
     heavy = source.weights == 9
-    score = judge(EYE, source, evidence_of(shared_m), source.points_m.shape[1], 0.0)
+    score = judge(EYE, source, evidence_of(shared_m), len(source.points_m), 0.0)
     share = 9 * heavy.sum() / (9 * heavy.sum() + (~heavy).sum())
     assert score.overlap[0] == pytest.approx(0.5 * (share + 1))
 

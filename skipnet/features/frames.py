@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.skipmap.cells import halve
+from skipnet.skipmap.grouping import group_keys
 from skipnet.skipmap.moments import Moments, add_up, moments_of_points, principal_axes
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
@@ -20,7 +21,7 @@ from skipnet.types import FloatArray, IntArray
 FRAME_REACH_VOXELS = 2.5
 """The frame is read off voxels of twice the Skip-map's size that are nearer than so many sizes."""
 _ROW, _COLUMN = np.triu_indices(3)
-_IN_TWICE_THE_VOXEL = 0.5 ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])[:, None]
+_IN_TWICE_THE_VOXEL = 0.5 ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
 """What turns a voxel's moments into those in units of a voxel twice as wide."""
 _TWICE = np.where(_ROW == _COLUMN, 1.0, 2.0)
 """How often each of xx, xy, xz, yy, yz, zz stands in a symmetric matrix."""
@@ -38,8 +39,8 @@ class Level:
     moments: Moments
     """Of the centroids of the Skip-map's voxels in each voxel, weighted by their points."""
     normals: FloatArray
-    """(10, W) of the Skip-map's voxels in it: how many, the sums of their normals and, in rows 4 to
-    9, of ``outer_products`` of these."""
+    """(W, 10) of the Skip-map's voxels in it: how many, the sums of their normals and, in columns 4
+    to 9, of ``outer_products`` of these."""
 
     def places(self, points_m: FloatArray) -> FloatArray:
         """(..., 3) points of the scan in the level's voxels."""
@@ -49,11 +50,11 @@ class Level:
     def alignment(self) -> FloatArray:
         """(W, 6) mean of n n^T over the normals n, so summed up that its product with
         ``outer_products(axis)`` is the mean squared cosine between the axis and them."""
-        return (self.normals[4:] / self.normals[0]).T * _TWICE
+        return self.normals[:, 4:] / self.normals[:, :1] * _TWICE
 
     def coarser(self) -> Level:
         """The level of voxels twice as wide."""
-        keys, merged = np.unique(halve(self.keys), return_inverse=True)
+        keys, merged = group_keys(halve(self.keys))
         moments = add_up(Moments(self.moments.sums * _IN_TWICE_THE_VOXEL), merged, len(keys))
         normals = add_up(Moments(self.normals), merged, len(keys)).sums
         return Level(2 * self.size_m, self.centre_m, keys, moments, normals)
@@ -63,7 +64,7 @@ def level_of(skipmap: SkipMap) -> Level:
     """The Skip-map's own voxels, as a level."""
     size_m, centre_m = skipmap.voxel_size_m, skipmap.centroids_m.mean(axis=0)
     centroids = moments_of_points((skipmap.centroids_m - centre_m) / size_m)
-    moments = Moments(centroids.sums * skipmap.counts)
+    moments = Moments(centroids.sums * skipmap.counts[:, None])
     normals = moments_of_points(skipmap.normals).sums
     return Level(size_m, centre_m, skipmap.keys, moments, normals)
 
@@ -98,9 +99,9 @@ def tangent_frames(skipmap: SkipMap, rows: IntArray, around: Level | None = None
     near.data = 1 - (near.data / FRAME_REACH_VOXELS) ** 2  # what is farther tells less
     near.has_canonical_format = True  # no pair comes twice
     near = near.tocsr()
-    _, axes = principal_axes(Moments(np.ascontiguousarray((near @ around.moments.sums.T).T)))
+    _, axes = principal_axes(Moments(near @ around.moments.sums))
     known = skipmap.viewpoint_m is not None
-    sides = near @ around.normals[1:4].T if known else skipmap.normals[rows]
+    sides = near @ around.normals[:, 1:4] if known else skipmap.normals[rows]
     axis, tangent = axes[:, :, 0], axes[:, :, 2]
     axis = np.where(np.einsum("ki,ki->k", axis, sides)[:, None] < 0, -axis, axis)
     return np.stack([axis, tangent, np.cross(axis, tangent)], axis=2)

@@ -86,7 +86,7 @@ def find_lines(skipmap: SkipMap, rows: IntArray, max_lines: int = 40, min_voxels
         min_voxels: the shortest edge.
     """
     points_m = _meeting_points(skipmap, rows)
-    directions = skipmap.axes[rows, :, 2]
+    directions = skipmap.directions[rows]
     free = np.ones(len(rows), dtype=bool)
     support = _neighbours_along(points_m, directions, skipmap.voxel_size_m)
     found: list[tuple[FloatArray, FloatArray, int]] = []
@@ -117,7 +117,7 @@ def _meeting_points(skipmap: SkipMap, rows: IntArray) -> FloatArray:
     never leaves its voxel's neighbourhood.
     """
     steps = np.stack(np.meshgrid(*[np.arange(-_REACH, _REACH + 1)] * 3, indexing="ij"), axis=-1)
-    near = skipmap.find(skipmap.cells[rows][:, None] + steps.reshape(1, -1, 3))
+    near = skipmap.find_around(rows, steps.reshape(-1, 3))
     owner, slot = np.nonzero(near >= 0)
     voxel = near[owner, slot]
     flat = skipmap.curvatures[voxel] < 0.02

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.skipmap.cells import pack
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -44,7 +43,7 @@ def feature_voxels(skipmap: SkipMap, min_curvature: float = MIN_CURVATURE) -> In
     any of its 26 neighbours, or itself, is curved.
     """
     curved = np.flatnonzero(skipmap.curvatures > min_curvature)
-    near = skipmap.find(skipmap.cells[curved][:, None] + _offsets_within(1.8))
+    near = skipmap.find_around(curved, _offsets_within(1.8))
     return np.unique(near[near >= 0]).astype(np.int64)
 
 
@@ -79,7 +78,7 @@ def _axis_aligned(skipmap: SkipMap, voxel_indices: IntArray) -> FloatArray:
     """1 for an occupied cell, 0 for an empty one; cells in the order x, y, z."""
     step = np.arange(CELLS) - CELLS // 2
     offsets = np.stack(np.meshgrid(step, step, step, indexing="ij"), axis=-1).reshape(-1, 3)
-    rows = skipmap.find(skipmap.cells[voxel_indices][:, None] + offsets)
+    rows = skipmap.find_around(voxel_indices, offsets)
     return (rows >= 0).astype(np.float32)
 
 
@@ -147,9 +146,7 @@ def surface_frames(near: Neighbours, oriented: bool) -> FloatArray:
 
 
 def _neighbours(skipmap: SkipMap, voxel_indices: IntArray) -> Neighbours:
-    offsets = _offsets_within(REACH_VOXELS)
-    steps = pack(offsets) - pack(np.zeros(3, dtype=np.int64))
-    found = skipmap.find_keys(skipmap.keys[voxel_indices][:, None] + steps)
+    found = skipmap.find_around(voxel_indices, _offsets_within(REACH_VOXELS))
     owner, place = np.nonzero(found >= 0)
     row = found[owner, place]
     gap_m = skipmap.centroids_m[row] - skipmap.centroids_m[voxel_indices[owner]]

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.compiled import compiled
+from skipnet.skipmap.grouping import group_keys
 from skipnet.skipmap.moments import Moments, principal_axes
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
@@ -71,7 +73,7 @@ def find_planes(
         normals = normals * _shared_sign(normals)[:, None]
     tolerance_m = max_offset_voxels * skipmap.voxel_size_m
     bins = _direction_offset_bins(normals, points_m, 2 * tolerance_m)
-    surfaces = _Surfaces.of(points_m, normals)
+    columns = np.ascontiguousarray(points_m.T), np.ascontiguousarray(normals.T)
     free = np.ones(len(points_m), dtype=bool)
     votes = np.bincount(bins)
     found: list[tuple[FloatArray, FloatArray, int]] = []
@@ -81,7 +83,7 @@ def find_planes(
         if len(favourites) == 0:
             break
         seeds = free & (bins == favourites[:, None])
-        planes, inliers = _grow_planes(surfaces, seeds, tolerance_m, np.cos(max_angle_rad))
+        planes, inliers = _grow_planes(*columns, seeds, tolerance_m, np.cos(max_angle_rad))
         for normal, inlier, seed in zip(planes, inliers, seeds, strict=True):
             if np.count_nonzero(seed & free) < min_voxels / 4:
                 continue  # most of it went to a plane before
@@ -100,36 +102,21 @@ def _direction_offset_bins(normals: FloatArray, points_m: FloatArray, bin_m: flo
     snapped = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     offset = np.round(np.einsum("vi,vi->v", snapped, points_m) / bin_m).astype(np.int64)
     column = direction @ np.array([1, 32, 1024]) + (1 << 15)
-    return np.unique((column << 40) + offset, return_inverse=True)[1]
-
-
-@dataclass(frozen=True)
-class _Surfaces:
-    """V flat voxels by coordinate, which is how they are computed with."""
-
-    points_m: FloatArray
-    """(3, V)."""
-    normals: FloatArray
-    """(3, V)."""
-    figures: FloatArray
-    """(V, 10) what adds up to a plane: 1, the coordinates, and their six products."""
-
-    @staticmethod
-    def of(points_m: FloatArray, normals: FloatArray) -> _Surfaces:
-        """Of (V, 3) centroids and normals."""
-        x_m, y_m, z_m = columns_m = np.ascontiguousarray(points_m.T)
-        six = (x_m * x_m, x_m * y_m, x_m * z_m, y_m * y_m, y_m * z_m, z_m * z_m)
-        figures = np.stack([np.ones(len(points_m)), *columns_m, *six], axis=1)
-        return _Surfaces(columns_m, np.ascontiguousarray(normals.T), figures)
+    return group_keys((column << 40) + offset)[1]
 
 
 def _grow_planes(
-    surfaces: _Surfaces, members: BoolArray, tolerance_m: float, min_cosine: float
+    points_m: FloatArray,
+    normals: FloatArray,
+    members: BoolArray,
+    tolerance_m: float,
+    min_cosine: float,
 ) -> tuple[FloatArray, BoolArray]:
     """Fit planes to some voxels each, then three times to their inliers among all V of them.
 
     Args:
-        surfaces: the voxels.
+        points_m: (3, V) centroids.
+        normals: (3, V) unit normals.
         members: (P, V) those that each of P planes starts from.
         tolerance_m: largest distance of an inlier.
         min_cosine: smallest cosine between an inlier's normal and the plane's.
@@ -137,25 +124,66 @@ def _grow_planes(
     Returns:
         (P, 3) unit normals and the (P, V) inliers.
     """
-    normals = members @ surfaces.normals.T
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    sums = _add_up(surfaces, members)
+    plane_normals = _add_up(normals, members)[:, 1:4]
+    plane_normals /= np.linalg.norm(plane_normals, axis=1, keepdims=True)
+    sums = _sum_members(points_m, members)
     for _ in range(3):
-        middle_m = (normals * sums.mean).sum(axis=1)
-        near = np.abs(normals @ surfaces.points_m - middle_m[:, None]) < tolerance_m
-        members = near & (normals @ surfaces.normals > min_cosine)
-        sums = _add_up(surfaces, members)
+        offsets_m = (plane_normals * sums.mean).sum(axis=1)
+        members = _inliers(points_m, normals, plane_normals, offsets_m, tolerance_m, min_cosine)
+        sums = _sum_members(points_m, members)
         fitted = principal_axes(sums)[1][:, :, 0]
-        fitted *= np.where((fitted * normals).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
-        normals = np.where(sums.count[:, None] >= 3, fitted, normals)
-    return normals, members
+        fitted *= np.where((fitted * plane_normals).sum(axis=1) >= 0, 1.0, -1.0)[:, None]
+        plane_normals = np.where(sums.count[:, None] >= 3, fitted, plane_normals)
+    return plane_normals, members
 
 
-def _add_up(surfaces: _Surfaces, members: BoolArray) -> Moments:
+def _sum_members(points_m: FloatArray, members: BoolArray) -> Moments:
     """Moments of P sets of voxels, each counted once; an empty set's are those of a point at 0."""
-    sums = members @ surfaces.figures
+    sums = _add_up(points_m, members)
     sums[:, 0] = np.maximum(sums[:, 0], 1)
-    return Moments(np.ascontiguousarray(sums.T))
+    return Moments(sums)
+
+
+@compiled
+def _inliers(
+    points_m: FloatArray,
+    normals: FloatArray,
+    plane_normals: FloatArray,
+    offsets_m: FloatArray,
+    tolerance_m: float,
+    min_cosine: float,
+) -> BoolArray:
+    """(P, V) which voxels lie on which planes, with normals that agree."""
+    members = np.empty((len(plane_normals), points_m.shape[1]), dtype=np.bool_)
+    for p in range(len(plane_normals)):
+        n_x, n_y, n_z = plane_normals[p, 0], plane_normals[p, 1], plane_normals[p, 2]
+        offset_m = offsets_m[p]
+        for v in range(points_m.shape[1]):
+            apart_m = n_x * points_m[0, v] + n_y * points_m[1, v] + n_z * points_m[2, v]
+            cosine = n_x * normals[0, v] + n_y * normals[1, v] + n_z * normals[2, v]
+            members[p, v] = (abs(apart_m - offset_m) < tolerance_m) & (cosine > min_cosine)
+    return members
+
+
+@compiled
+def _add_up(points_m: FloatArray, members: BoolArray) -> FloatArray:
+    """(P, 10) sums over the members of each set, as in ``Moments``, of (3, V) points."""
+    sums = np.zeros((len(members), 10))
+    for p in range(len(members)):
+        for v in range(members.shape[1]):
+            if members[p, v]:
+                x, y, z = points_m[0, v], points_m[1, v], points_m[2, v]
+                sums[p, 0] += 1
+                sums[p, 1] += x
+                sums[p, 2] += y
+                sums[p, 3] += z
+                sums[p, 4] += x * x
+                sums[p, 5] += x * y
+                sums[p, 6] += x * z
+                sums[p, 7] += y * y
+                sums[p, 8] += y * z
+                sums[p, 9] += z * z
+    return sums
 
 
 def _shared_sign(normals: FloatArray) -> FloatArray:

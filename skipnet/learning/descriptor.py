@@ -12,7 +12,6 @@ and importing torch alone would take longer than describing two scans.
 from __future__ import annotations
 
 import json
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +29,7 @@ from skipnet.features.cylinders import (
 )
 from skipnet.features.descriptors import mutual_nearest
 from skipnet.features.patches import PATCH_SIZE, build_patches
-from skipnet.processes import one_blas_thread
+from skipnet.processes import one_blas_thread, side_by_side
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -229,15 +228,11 @@ def correspond(
         descriptors: 0 equal, 2 opposed.
     """
     unknown = source.viewpoint_m is None or target.viewpoint_m is None
-    with ThreadPoolExecutor(2) as pool:  # NumPy and SciPy let both scans be described at once
-        described = pool.map(
-            describe_keypoints,
-            (source, target),
-            [descriptor] * 2,
-            (False, unknown),
-            [max_keypoints] * 2,
-        )
-        (rows_s, described_s), (rows_t, described_t) = described
+    (rows_s, described_s), (rows_t, described_t) = side_by_side(
+        lambda scan, both: describe_keypoints(scan, descriptor, both, max_keypoints),
+        (source, target),
+        (False, unknown),
+    )
     of_source, of_target, distance = mutual_nearest(described_s, described_t)
     return rows_s[of_source], rows_t[of_target], distance
 

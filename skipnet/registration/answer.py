@@ -66,7 +66,7 @@ class Answer:
             for scan in (source, target)
         ]
         extents = [
-            " x ".join(f"{length:.3g}" for length in np.ptp(scan.evidence.points_m, axis=1))
+            " x ".join(f"{length:.3g}" for length in np.ptp(scan.evidence.points_m, axis=0))
             for scan in (source, target)
             if len(scan.skipmap)
         ]

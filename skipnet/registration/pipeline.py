@@ -10,7 +10,7 @@ from skipnet.config import Generator, RegistrationConfig
 from skipnet.features.descriptors import fpfh, mutual_nearest
 from skipnet.geometry import invert
 from skipnet.learning.descriptor import correspond, load_descriptor
-from skipnet.processes import one_blas_thread
+from skipnet.processes import one_blas_thread, side_by_side
 from skipnet.registration.answer import Answer
 from skipnet.registration.feature_hypotheses import from_corners, from_edges
 from skipnet.registration.hypotheses import Hypotheses, from_correspondences
@@ -150,12 +150,13 @@ def propose(
     if generator is Generator.edges:
         return from_edges(source.lines, target.lines, size_m)
     if generator in (Generator.planes, Generator.slides):
-        both_seen = source.viewpoint_m is not None and target.viewpoint_m is not None
-        planes = source.planes if both_seen else source.planes.with_both_signs()
+        planes_s, planes_t = side_by_side(lambda scan: scan.planes, (source, target))
+        if source.viewpoint_m is None or target.viewpoint_m is None:
+            planes_s = planes_s.with_both_signs()
         if generator is Generator.planes:
-            return from_planes(planes, target.planes, size_m)
+            return from_planes(planes_s, planes_t, size_m)
         voxels = source.skipmap.centroids_m, target.skipmap.centroids_m
-        return from_slides(planes, target.planes, *voxels, size_m)
+        return from_slides(planes_s, planes_t, *voxels, size_m)
     if generator is Generator.fpfh:
         found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
     else:  # Generator.descriptors

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.compiled import compiled
 from skipnet.features.primitives import Planes
 from skipnet.registration.hypotheses import best_rotations, bisector_frames
 from skipnet.types import FloatArray, IntArray
@@ -49,7 +50,7 @@ def plane_rotations(
     at_once = max(1, _AT_ONCE // (len(source) * len(target)))
     starts = range(0, len(rotations), at_once)
     support = np.concatenate(
-        [pairs.shared_area(rotations[start : start + at_once]).sum(axis=1) for start in starts]
+        [pairs.support(rotations[start : start + at_once]) for start in starts]
     )
     aligned = support >= min_share * support.max()
     rotations = _distinct_rotations(
@@ -85,6 +86,10 @@ class _PlanePairs:
         area = np.minimum(target.weights[:, None], source.weights)
         return _PlanePairs(products.reshape(9, -1), area, min_cosine)
 
+    def support(self, rotations: FloatArray) -> FloatArray:
+        """(R,) sums of ``shared_area``."""
+        return _sum_of_best(rotations.reshape(-1, 9) @ self.products, self.area, self.min_cosine)
+
     def shared_area(self, rotations: FloatArray) -> FloatArray:
         """(R, T * S) area that each source plane shares with the one target plane along it with
         which it shares most; with all of them where these are equal.
@@ -96,6 +101,25 @@ class _PlanePairs:
         shared = np.multiply(cosine > self.min_cosine, self.area)
         shared *= shared == shared.max(axis=1, keepdims=True)
         return shared.reshape(len(rotations), -1)
+
+
+@compiled
+def _sum_of_best(cosine: FloatArray, area: FloatArray, min_cosine: float) -> FloatArray:
+    """(R,) over S source planes, the largest (T, S) area among the target planes along them, as
+    often as it comes; (R, T * S) cosines tell what is along."""
+    sums, (targets, sources) = np.zeros(len(cosine)), area.shape
+    best = np.empty(sources)
+    for r in range(len(cosine)):
+        best[:] = 0
+        for t in range(targets):
+            for s in range(sources):
+                along = cosine[r, t * sources + s] > min_cosine
+                best[s] = max(best[s], area[t, s] * along)
+        for t in range(targets):
+            for s in range(sources):
+                along = cosine[r, t * sources + s] > min_cosine
+                sums[r] += best[s] * (along and area[t, s] == best[s])
+    return sums
 
 
 def _distinct_rotations(

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skipnet.geometry import columns
-from skipnet.types import FloatArray, IntArray
+from skipnet.compiled import compiled, inlined
+from skipnet.types import BoolArray, FloatArray
 
 _MIN_BINS, _MAX_BINS = 32, 256
 _POINTS_PER_BIN = 4
-_POINTS_AT_ONCE = 1 << 17
-"""So few that what is computed of them on the way takes little memory."""
 
 
 @dataclass(frozen=True)
@@ -25,16 +24,30 @@ class RangeImage:
     nearest_m: FloatArray
     """(B, B) nearest range seen in or next to each bin; 0 where nothing was seen."""
 
-    def range_towards(
-        self, x_m: FloatArray, y_m: FloatArray, z_m: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """For points by coordinates: their range, and the nearest range seen that way (or 0)."""
-        x_m, y_m, z_m = (
-            coordinate_m - coordinate_m.dtype.type(own_m)
-            for coordinate_m, own_m in zip((x_m, y_m, z_m), self.viewpoint_m, strict=True)
-        )
-        bins = octahedral_bin(x_m, y_m, z_m, len(self.nearest_m))
-        return np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m), self.nearest_m.ravel().take(bins)
+    def in_front(
+        self,
+        T_image_points: FloatArray,
+        points_m: FloatArray,
+        asked: BoolArray,
+        free_share: float,
+        free_m: float,
+    ) -> BoolArray:
+        """Which points lie well in front of what was seen in their direction.
+
+        Args:
+            T_image_points: (C, 4, 4) motions of the points into the scan's frame.
+            points_m: (V, 3) points, the first S of which are looked at.
+            asked: (C, S) those to look at under each motion; for all others it is False.
+            free_share: what is in front is so by this share of the range ...
+            free_m: ... and by so much.
+
+        Returns:
+            (C, S) bool.
+        """
+        T = np.array(T_image_points[:, :3])
+        T[:, :, 3] -= self.viewpoint_m
+        T = T.astype(points_m.dtype)
+        return _in_front(T, points_m, asked, self.nearest_m, 1 - free_share, free_m)
 
 
 def build_range_image(
@@ -53,12 +66,11 @@ def build_range_image(
             are one.
     """
     bins = int(np.clip(np.sqrt(len(points_m) / _POINTS_PER_BIN), _MIN_BINS, _MAX_BINS))
-    nearest_m = np.full(bins * bins, np.inf, dtype=np.float32)
-    for xyz_m in columns(points_m, T_own_points, _POINTS_AT_ONCE):
-        x_m, y_m, z_m = (xyz_m - viewpoint_m[:, None]).astype(np.float32)
-        range_m = np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)
-        np.minimum.at(nearest_m, octahedral_bin(x_m, y_m, z_m, bins), range_m)
-    nearest_m = _least_of_neighbours(nearest_m.reshape(bins, bins))
+    T_image_points = np.eye(4) if T_own_points is None else T_own_points.copy()
+    T_image_points[:3, 3] -= viewpoint_m
+    nearest_m = np.full((bins, bins), np.inf, dtype=np.float32)
+    _take_nearest(points_m, T_image_points, nearest_m)
+    nearest_m = _least_of_neighbours(nearest_m)
     # Gaps between scan lines are closed by now; what the rim gained goes, and a bin more.
     inner = _least_of_neighbours(_least_of_neighbours(np.isfinite(nearest_m)))
     nearest_m[~inner] = 0.0
@@ -72,21 +84,58 @@ def _least_of_neighbours(values: NDArray) -> NDArray:
     return np.minimum(np.minimum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
 
 
-def octahedral_bin(x: FloatArray, y: FloatArray, z: FloatArray, bins: int) -> IntArray:
-    """Flat bin of each direction, given by its coordinates, on the octahedron unfolded to a square.
+@inlined
+def octahedral_bin(x: float, y: float, z: float, bins: int) -> tuple[int, int]:
+    """Line and column of a direction on the octahedron unfolded to a square.
 
     Args:
-        x: array of any shape; the length of (x, y, z) does not matter.
+        x: the direction's coordinates; its length does not matter.
         y: likewise.
         z: likewise.
         bins: along each side of the square.
     """
-    scale = np.abs(x) + np.abs(y) + np.abs(z)
-    scale[scale == 0] = 1
-    u, v = x / scale, y / scale
-    folded_u, folded_v = np.copysign(1 - np.abs(v), u), np.copysign(1 - np.abs(u), v)
-    below = z < 0
-    u, v = np.where(below, folded_u, u), np.where(below, folded_v, v)
-    column = np.minimum(((u + 1) * (bins / 2)).astype(np.int32), bins - 1)
-    line = np.minimum(((v + 1) * (bins / 2)).astype(np.int32), bins - 1)
-    return line * bins + column
+    length = abs(x) + abs(y) + abs(z)
+    scale = 1 / length if length > 0 else length
+    u, v = x * scale, y * scale
+    folded_u, folded_v = math.copysign(1 - abs(v), u), math.copysign(1 - abs(u), v)
+    u, v, half = (folded_u if z < 0 else u), (folded_v if z < 0 else v), 0.5 * bins
+    return min(int((v + 1) * half), bins - 1), min(int((u + 1) * half), bins - 1)
+
+
+@compiled
+def _take_nearest(points_m: FloatArray, T_image_points: FloatArray, nearest_m: FloatArray) -> None:
+    """Lower each bin of (B, B) to the range of the nearest point in it; the sensor is at 0."""
+    T = T_image_points
+    for i in range(len(points_m)):
+        x_m, y_m, z_m = points_m[i, 0], points_m[i, 1], points_m[i, 2]
+        x = T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3]
+        y = T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3]
+        z = T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3]
+        line, column = octahedral_bin(x, y, z, len(nearest_m))
+        range_m = np.float32(np.sqrt(x * x + y * y + z * z))
+        nearest_m[line, column] = min(nearest_m[line, column], range_m)
+
+
+@compiled
+def _in_front(
+    T_image_points: FloatArray,
+    points_m: FloatArray,
+    asked: BoolArray,
+    nearest_m: FloatArray,
+    seen_share: float,
+    free_m: float,
+) -> BoolArray:
+    """See ``RangeImage.in_front``; the sensor is at 0."""
+    front = np.zeros(asked.shape, dtype=np.bool_)
+    for c in range(len(T_image_points)):
+        T = T_image_points[c]
+        for s in range(asked.shape[1]):
+            if asked[c, s]:
+                x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
+                x = T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3]
+                y = T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3]
+                z = T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3]
+                line, column = octahedral_bin(x, y, z, len(nearest_m))
+                seen_m = seen_share * nearest_m[line, column] - free_m
+                front[c, s] = seen_m > 0 and x * x + y * y + z * z < seen_m * seen_m
+    return front

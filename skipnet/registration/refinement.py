@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.compiled import compiled
 from skipnet.geometry import invert, make_transform, rotation_from_vector
-from skipnet.registration.surface_table import SurfaceTable, build_surface_table
+from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import BoolArray, FloatArray, IntArray
+from skipnet.types import FloatArray, IntArray
 
 MIN_MATCHES = 50
 """Fewer correspondences at a level say nothing."""
@@ -24,6 +25,8 @@ MODEL_ERROR_VOXELS = 0.002
 decide all."""
 
 
+_MEDIAN_SAMPLES = 4096
+"""So many residuals tell their typical size to one or two per cent."""
 _FREE = 1e-9
 """Share of the best held direction's information that any direction is granted."""
 DAMPING_VOXELS = 1.0
@@ -86,11 +89,10 @@ def refine(
     for source, target in levels:
         if min(len(source), len(target)) == 0:
             continue  # a level without surfaces has no hold
-        sampled = _Surfaces.of(source, _spread_rows(len(source), samples))
-        surfaces = _Surfaces.of(target, slice(None))
-        table = build_surface_table(target, neighbours=False)
+        rows = _spread_rows(len(source), samples)
+        surfaces = _Surfaces.of(source, rows), _Surfaces.of(target, slice(None))
         for _ in range(max_steps):
-            matches = _match(T, sampled, surfaces, table, min_normal_cosine)
+            matches = _match(T, *surfaces, target.table, min_normal_cosine)
             T, moved_m = _gauss_newton_step(T, matches)
             if moved_m < 1e-4 * target.voxel_size_m:
                 break
@@ -109,14 +111,13 @@ def _keep_tracked(
     before: Refinement, T: FloatArray, matches: _Matches, max_shift_m: float
 ) -> Refinement:
     """Take over a level's poses, but for those that ran away: too sparse a level has no hold."""
-    matched = matches.valid.sum(axis=1)
     before_m = apply(before.T_target_source, apply(invert(T), matches.centre_m))
     shift_m = np.linalg.norm(matches.centre_m - before_m, axis=1)
-    good = (matched >= MIN_MATCHES) & (shift_m < max_shift_m)
+    good = (matches.matched >= MIN_MATCHES) & (shift_m < max_shift_m)
     return Refinement(
         np.where(good[:, None, None], T, before.T_target_source),
         np.where(good[:, None, None], matches.information, before.information),
-        np.where(good, matched, before.matched),
+        np.where(good, matches.matched, before.matched),
         np.where(good[:, None], matches.centre_m, before.centre_m),
         np.where(good, matches.spread_m, before.spread_m),
     )
@@ -124,9 +125,9 @@ def _keep_tracked(
 
 @dataclass(frozen=True)
 class _Matches:
-    """One step's correspondences of C candidates and S voxels, linearised."""
+    """What one step's correspondences of C candidates come to, linearised; see ``Refinement``."""
 
-    valid: BoolArray
+    matched: IntArray
     centre_m: FloatArray
     spread_m: FloatArray
     information: FloatArray
@@ -138,21 +139,21 @@ def apply(T_a_b: FloatArray, point_b_m: FloatArray) -> FloatArray:
     return np.einsum("cij,cj->ci", T_a_b[:, :3, :3], point_b_m) + T_a_b[:, :3, 3]
 
 
-def _spread_rows(count: int, samples: int | None) -> IntArray:
+def _spread_rows(count: int, samples: int | None) -> IntArray | slice:
     """Evenly spread rows; the tree's order walks through space, so they cover the whole scan."""
     if samples is None or samples >= count:
-        return np.arange(count)
+        return slice(None)
     return np.linspace(0, count - 1, samples).astype(np.int64)
 
 
 @dataclass(frozen=True)
 class _Surfaces:
-    """Voxels of one scan by coordinate, which is how they are computed with."""
+    """Voxels of one scan."""
 
     centroids_m: FloatArray
-    """(3, V)."""
+    """(V, 3)."""
     normals: FloatArray
-    """(3, V)."""
+    """(V, 3)."""
     variance_m2: FloatArray
     """(V,) of each centroid along its normal: scatter across the surface over points."""
     oriented: bool
@@ -161,10 +162,11 @@ class _Surfaces:
     def of(skipmap: SkipMap, rows: IntArray | slice) -> _Surfaces:
         """Some voxels of a Skip-map."""
         floor_m = MODEL_ERROR_VOXELS * skipmap.voxel_size_m
+        across_m2 = skipmap.eigenvalues_m2[rows, 0]
         return _Surfaces(
-            np.ascontiguousarray(skipmap.centroids_m[rows].T),
-            np.ascontiguousarray(skipmap.normals[rows].T),
-            (skipmap.eigenvalues_m2[:, 0] / skipmap.counts + floor_m**2)[rows],
+            skipmap.centroids_m[rows],
+            skipmap.normals[rows],
+            across_m2 / skipmap.counts[rows] + floor_m**2,
             skipmap.viewpoint_m is not None,
         )
 
@@ -173,66 +175,97 @@ def _match(
     T: FloatArray,
     source: _Surfaces,
     target: _Surfaces,
-    table: SurfaceTable,
+    table: CellTable,
     min_normal_cosine: float,
 ) -> _Matches:
-    """Correspondences by lookup, and the weighted normal equations of their residuals."""
-    points_m = T[:, :3, :3] @ source.centroids_m + T[:, :3, 3:]
-    normals = T[:, :3, :3] @ source.normals
-    row = table.find(*points_m.transpose(1, 0, 2))
-    others = target.normals.take(row, axis=1, mode="wrap").transpose(1, 0, 2)
-    cosine = (normals * others).sum(axis=1)
-    if not (source.oriented and target.oriented):
-        normals, cosine = normals * np.sign(cosine)[:, None], np.abs(cosine)
-    valid = (row >= 0) & (cosine > min_normal_cosine)
-    normals += others
-    normals /= np.maximum(np.sqrt((normals * normals).sum(axis=1)), 1e-9)[:, None]
-    apart_m = target.centroids_m.take(row, axis=1, mode="wrap").transpose(1, 0, 2) - points_m
-    residual_m = (apart_m * normals).sum(axis=1)
-    variance_m2 = source.variance_m2 + target.variance_m2.take(row, mode="wrap")
-    return _linearise(points_m, normals, residual_m, variance_m2, valid)
-
-
-def _linearise(
-    points_m: FloatArray,
-    normals: FloatArray,
-    residual_m: FloatArray,
-    variance_m2: FloatArray,
-    valid: BoolArray,
-) -> _Matches:
-    """Robustly weighted normal equations about the matched points' centre (Geman-McClure).
-
-    Args:
-        points_m: (C, 3, S) source voxels where the candidates put them.
-        normals: (C, 3, S).
-        residual_m: (C, S) along the normals.
-        variance_m2: (C, S) of these.
-        valid: (C, S) what is matched.
-    """
-    count = np.maximum(valid.sum(axis=1), 1)
-    centre_m = (points_m @ valid[..., None])[..., 0] / count[:, None]
-    typical_m = np.array(
-        [
-            np.median(r[v]) if v.any() else 0.0
-            for r, v in zip(np.abs(residual_m), valid, strict=True)
-        ]
+    """Correspondences by lookup, and the normal equations of their residuals."""
+    figures = _normal_equations(
+        T,
+        *(source.centroids_m, source.normals, source.variance_m2),
+        *(target.centroids_m, target.normals, target.variance_m2),
+        table.find_moved(T, source.centroids_m),
+        source.oriented and target.oriented,
+        min_normal_cosine,
     )
-    scale_m2 = (4 * typical_m[:, None]) ** 2 + variance_m2
-    robust = (scale_m2 / (scale_m2 + residual_m**2)) ** 2
-    weight = np.where(valid, robust / (variance_m2 + typical_m[:, None] ** 2), 0.0)
-    x_m, y_m, z_m = (points_m[:, axis] - centre_m[:, axis, None] for axis in range(3))
-    n_x, n_y, n_z = (normals[:, axis] for axis in range(3))
-    turned = (y_m * n_z - z_m * n_y, z_m * n_x - x_m * n_z, x_m * n_y - y_m * n_x)
-    jacobian = np.stack([*turned, n_x, n_y, n_z], axis=1)
-    weighted = jacobian * weight[:, None]
-    square_m2 = ((x_m * x_m + y_m * y_m + z_m * z_m) * valid).sum(axis=1)
-    return _Matches(
-        valid,
-        centre_m,
-        np.sqrt(square_m2 / count),
-        weighted @ jacobian.transpose(0, 2, 1),
-        (weighted @ residual_m[..., None])[..., 0],
-    )
+    return _Matches(*figures)
+
+
+@compiled
+def _normal_equations(
+    T_target_source: FloatArray,
+    source_m: FloatArray,
+    source_normals: FloatArray,
+    source_variance_m2: FloatArray,
+    target_m: FloatArray,
+    target_normals: FloatArray,
+    target_variance_m2: FloatArray,
+    row: IntArray,
+    oriented: bool,
+    min_normal_cosine: float,
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The fields of ``_Matches``: robustly weighted normal equations (Geman-McClure) of the
+    residuals along the mean of both normals, about the matched points' centre."""
+    candidates, samples = row.shape
+    matched = np.zeros(candidates, dtype=np.int64)
+    centre_m, spread_m = np.zeros((candidates, 3)), np.zeros(candidates)
+    information, gradient = np.zeros((candidates, 6, 6)), np.zeros((candidates, 6))
+    point_m, normal = np.empty((samples, 3)), np.empty((samples, 3))
+    residual_m, variance_m2 = np.empty(samples), np.empty(samples)
+    jacobian = np.empty(6)
+    for c in range(candidates):
+        T = T_target_source[c]
+        count = 0
+        for s in range(samples):
+            t = row[c, s]
+            if t < 0:
+                continue
+            cosine = 0.0
+            for i in range(3):
+                point_m[count, i] = T[i, 3]
+                normal[count, i] = 0.0
+                for j in range(3):
+                    point_m[count, i] += T[i, j] * source_m[s, j]
+                    normal[count, i] += T[i, j] * source_normals[s, j]
+                cosine += normal[count, i] * target_normals[t, i]
+            side = -1.0 if cosine < 0 and not oriented else 1.0
+            if not side * cosine > min_normal_cosine:
+                continue
+            length = np.sqrt(2 + 2 * side * cosine)  # of the sum of two unit normals
+            residual_m[count] = 0.0
+            for i in range(3):
+                normal[count, i] = (side * normal[count, i] + target_normals[t, i]) / length
+                residual_m[count] += normal[count, i] * (target_m[t, i] - point_m[count, i])
+                centre_m[c, i] += point_m[count, i]
+            variance_m2[count] = source_variance_m2[s] + target_variance_m2[t]
+            count += 1
+        if count == 0:
+            continue
+        matched[c] = count
+        centre_m[c] /= count
+        every = 1 + count // _MEDIAN_SAMPLES
+        typical_m2 = np.median(np.abs(residual_m[:count:every])) ** 2
+        square_m2 = 0.0
+        for k in range(count):
+            scale_m2 = 16 * typical_m2 + variance_m2[k]
+            robust = scale_m2 / (scale_m2 + residual_m[k] * residual_m[k])
+            weight = robust * robust / (variance_m2[k] + typical_m2)
+            x, y = point_m[k, 0] - centre_m[c, 0], point_m[k, 1] - centre_m[c, 1]
+            z = point_m[k, 2] - centre_m[c, 2]
+            square_m2 += x * x + y * y + z * z
+            n_x, n_y, n_z = normal[k, 0], normal[k, 1], normal[k, 2]
+            jacobian[0], jacobian[1] = y * n_z - z * n_y, z * n_x - x * n_z
+            jacobian[2], jacobian[3] = x * n_y - y * n_x, n_x
+            jacobian[4], jacobian[5] = n_y, n_z
+            for i in range(6):
+                weighted = weight * jacobian[i]
+                gradient[c, i] += weighted * residual_m[k]
+                for j in range(i + 1):
+                    information[c, i, j] += weighted * jacobian[j]
+        spread_m[c] = np.sqrt(square_m2 / count)
+        for i in range(6):
+            for j in range(i):
+                information[c, j, i] = information[c, i, j]
+    return matched, centre_m, spread_m, information, gradient
 
 
 def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, float]:
@@ -241,7 +274,7 @@ def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, fl
     # Mean squared lever of the rotation: what it moves where the normals feel it.
     weight = diagonal[:, 3:].sum(axis=1, keepdims=True)
     square_m2 = diagonal[:, :3].sum(axis=1, keepdims=True) / np.maximum(weight, 1e-12)
-    one_voxel = weight / np.maximum(matches.valid.sum(axis=1, keepdims=True), 1)
+    one_voxel = weight / np.maximum(matches.matched[:, None], 1)
     damping = DAMPING_VOXELS * one_voxel * np.repeat(np.hstack([square_m2, [[1.0]] * len(T)]), 3, 1)
     damping += 1e-12
     step = np.linalg.solve(

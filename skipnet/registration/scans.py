@@ -17,7 +17,7 @@ from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import invert, principal_frame, transform_points
 from skipnet.learning.descriptor import classify_voxels, load_descriptor
-from skipnet.processes import one_blas_thread
+from skipnet.processes import one_blas_thread, side_by_side
 from skipnet.registration.sparse_refinement import thin
 from skipnet.registration.verification import Evidence, build_evidence
 from skipnet.registration.viewpoint import find_viewpoint
@@ -176,7 +176,7 @@ def describe(
     voxel_size_m: float | None = None,
     seed: int = 0,
 ) -> list[Scan]:
-    """Describe scans with one voxel size, each in a thread of its own.
+    """Describe scans with one voxel size, side by side.
 
     Args:
         clouds_m: (N, 3) points of each scan, or their fine voxels, in any frame.
@@ -184,14 +184,13 @@ def describe(
         voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
         seed: of the order in which the judge samples voxels.
     """
+    points_m = [points_of(cloud_m) for cloud_m in clouds_m]
+    frames = side_by_side(principal_frame, points_m)
+    if voxel_size_m is None:
+        voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
     background = ThreadPoolExecutor(1)
-    with ThreadPoolExecutor() as pool:
-        points_m = [points_of(cloud_m) for cloud_m in clouds_m]
-        frames = list(pool.map(principal_frame, points_m))
-        if voxel_size_m is None:
-            voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
-        one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed, background=background)
-        scans = list(pool.map(one, clouds_m, viewpoints, frames))
+    one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed, background=background)
+    scans = side_by_side(one, clouds_m, viewpoints, frames)
     background.shutdown(wait=False)  # goes on without being waited for
     return scans
 

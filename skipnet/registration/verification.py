@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skipnet.compiled import compiled
 from skipnet.geometry import invert
+from skipnet.processes import side_by_side
 from skipnet.registration.range_image import RangeImage, build_range_image
-from skipnet.registration.surface_table import SurfaceTable, build_surface_table
+from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
 
-_AT_ONCE = 1 << 16
-"""Voxels, over all candidates, judged in one go: what is computed of them stays in the cache."""
-
-
+_SOON_JUDGED = 1 << 13
+"""Voxels, over all candidates, that are judged before another thread has begun."""
 HOPELESS = 0.1
 """A candidate that scores less than this share of the best one's will not overtake it: right poses
 score a third of it and more, before any refinement, in doorways and on streets too."""
@@ -34,9 +34,9 @@ class Evidence:
     """One scan made ready for judging; its voxels are in a fixed random order."""
 
     points_m: FloatArray
-    """(3, V) float32 voxel centroids, scan frame, in the order in which they are sampled."""
+    """(V, 3) float32 voxel centroids, scan frame, in the order in which they are sampled."""
     normals: FloatArray
-    """(3, V) float32 unit normals, likewise."""
+    """(V, 3) float32 unit normals, likewise."""
     weights: FloatArray
     """(V,) how much each voxel says, likewise; edges and corners more than planes."""
     order: IntArray
@@ -45,7 +45,7 @@ class Evidence:
     """Normals point to the sensor, so opposite ones are different surfaces."""
     surfaces: FloatArray
     """(V, 4) float32 normal and offset of each voxel's plane, in the Skip-map's order."""
-    near: SurfaceTable
+    near: CellTable
     """Row in ``surfaces`` of the voxel that a point lies on or next to."""
     range_image: RangeImage | None
     """None when the viewpoint is unknown: judged without free space."""
@@ -58,7 +58,7 @@ class Evidence:
     @property
     def centre_m(self) -> FloatArray:
         """(3,) mean of the voxels."""
-        return self.points_m.mean(axis=1, dtype=np.float64)
+        return self.points_m.mean(axis=0, dtype=np.float64)
 
     def weighing(self, weights: FloatArray) -> Evidence:
         """The same evidence with (V,) weights, given in the Skip-map's order."""
@@ -120,13 +120,13 @@ def build_evidence(
         None if viewpoint_m is None else build_range_image(points_m, viewpoint_m, T_own_points)
     )
     return Evidence(
-        points_m=np.ascontiguousarray(points[order].T),
-        normals=np.ascontiguousarray(normals[order].T),
+        points_m=points[order],
+        normals=normals[order],
         weights=np.ones(len(skipmap), dtype=np.float32),
         order=order,
         oriented=viewpoint_m is not None,
         surfaces=np.column_stack([normals, offsets_m]),
-        near=build_surface_table(skipmap),
+        near=CellTable(skipmap.cells, skipmap.voxel_size_m, skipmap.origin_m, with_neighbours=True),
         range_image=range_image,
     )
 
@@ -150,8 +150,14 @@ def judge(
             its overlap counts for 37 % (1 / e).
         strictness: what counts as agreement and as a contradiction.
     """
-    there = _one_way(T_target_source, source, target, samples, strictness)
-    back = _one_way(invert(T_target_source), target, source, samples, strictness)
+
+    def one_way(T_b_a: FloatArray, a: Evidence, b: Evidence) -> FloatArray:
+        return _one_way(T_b_a, a, b, samples, strictness)
+
+    is_long = samples * len(T_target_source) > _SOON_JUDGED
+    there, back = (side_by_side if is_long else map)(
+        one_way, (T_target_source, invert(T_target_source)), (source, target), (target, source)
+    )
     overlap, violation = 0.5 * (there + back)
     return Score(overlap * np.exp(-violation_weight * severity(violation)), overlap, violation)
 
@@ -236,52 +242,55 @@ def _one_way(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
 ) -> FloatArray:
     """(2, C) weighted shares of a's voxels that match b, and that violate b's free space."""
-    points_m, normals = a.points_m[:, :samples], a.normals[:, :samples]
-    weights = a.weights[:samples] / a.weights[:samples].sum()
-    T = T_b_a.astype(np.float32)
-    shares = np.zeros((2, len(T)), dtype=np.float32)
-    at_once = max(1, _AT_ONCE // max(1, points_m.shape[1]))
-    for start in range(0, len(T), at_once):
-        some = T[start : start + at_once]
-        # One product for all: of as many small ones each costs more than it computes.
-        turns = np.ascontiguousarray(some[:, :3, :3]).reshape(-1, 3)
-        points_b_m = (turns @ points_m).reshape(len(some), 3, -1)
-        points_b_m += some[:, :3, 3:]
-        normals_b = (turns @ normals).reshape(len(some), 3, -1)
-        match = _match(points_b_m, normals_b, a.oriented, b, strictness)
-        shares[0, start : start + at_once] = match @ weights
-        if b.range_image is not None:
-            free = _in_free_space(points_b_m, ~match, b.range_image, b.voxel_size_m, strictness)
-            shares[1, start : start + at_once] = free @ weights
+    row = b.near.find_moved(T_b_a, a.points_m, samples)
+    weights = a.weights[: row.shape[1]] / a.weights[: row.shape[1]].sum()
+    match = _match(
+        T_b_a[:, :3].astype(np.float32),
+        a.points_m,
+        a.normals,
+        row,
+        b.surfaces,
+        a.oriented and b.oriented,
+        strictness.min_normal_cosine,
+        strictness.max_distance_voxels * b.voxel_size_m,
+    )
+    shares = np.zeros((2, len(T_b_a)), dtype=np.float32)
+    shares[0] = match @ weights
+    if b.range_image is not None:
+        free_m = strictness.free_voxels * b.voxel_size_m
+        free = b.range_image.in_front(T_b_a, a.points_m, ~match, strictness.free_share, free_m)
+        shares[1] = free @ weights
     return shares
 
 
+@compiled
 def _match(
-    points_b_m: FloatArray, normals_b: FloatArray, oriented: bool, b: Evidence, limit: Strictness
+    T_b_a: FloatArray,
+    points_a_m: FloatArray,
+    normals_a: FloatArray,
+    row: IntArray,
+    surfaces_b: FloatArray,
+    oriented: bool,
+    min_normal_cosine: float,
+    max_distance_m: float,
 ) -> BoolArray:
-    """(C, S) which of (C, 3, S) points with normals lie on a surface of b with that normal."""
-    x_m, y_m, z_m = (points_b_m[:, axis] for axis in range(3))
-    row = b.near.find(x_m, y_m, z_m)
-    surface = b.surfaces.take(row, axis=0, mode="wrap")
-    n_x, n_y, n_z, offset_m = (surface[..., part] for part in range(4))
-    cosine = normals_b[:, 0] * n_x + normals_b[:, 1] * n_y + normals_b[:, 2] * n_z
-    if not (oriented and b.oriented):
-        cosine = np.abs(cosine)
-    distance_m = np.abs(x_m * n_x + y_m * n_y + z_m * n_z - offset_m)
-    match = (row >= 0) & (cosine > limit.min_normal_cosine)
-    return match & (distance_m <= limit.max_distance_voxels * b.voxel_size_m)
-
-
-def _in_free_space(
-    points_b_m: FloatArray,
-    asked: BoolArray,
-    seen: RangeImage,
-    voxel_size_m: float,
-    limit: Strictness,
-) -> BoolArray:
-    """(C, S) which of the (C, 3, S) points asked for lie well in front of what b's sensor saw."""
-    free = np.zeros_like(asked)
-    x_m, y_m, z_m = (points_b_m[:, axis][asked] for axis in range(3))
-    range_m, seen_m = seen.range_towards(x_m, y_m, z_m)
-    free[asked] = range_m < (1 - limit.free_share) * seen_m - limit.free_voxels * voxel_size_m
-    return free
+    """(C, S) which of a's voxels lie on the surface of b's voxels in (C, S) ``row``."""
+    match = np.zeros(row.shape, dtype=np.bool_)
+    for c in range(len(T_b_a)):
+        T = T_b_a[c]
+        for s in range(row.shape[1]):
+            there = row[c, s]
+            if there >= 0:
+                n_x, n_y, n_z = surfaces_b[there, 0], surfaces_b[there, 1], surfaces_b[there, 2]
+                # b's normal in the frame of a: one turn serves for the point and its normal.
+                a_x = T[0, 0] * n_x + T[1, 0] * n_y + T[2, 0] * n_z
+                a_y = T[0, 1] * n_x + T[1, 1] * n_y + T[2, 1] * n_z
+                a_z = T[0, 2] * n_x + T[1, 2] * n_y + T[2, 2] * n_z
+                cosine = a_x * normals_a[s, 0] + a_y * normals_a[s, 1] + a_z * normals_a[s, 2]
+                offset_m = surfaces_b[there, 3] - T[0, 3] * n_x - T[1, 3] * n_y - T[2, 3] * n_z
+                distance_m = a_x * points_a_m[s, 0] + a_y * points_a_m[s, 1]
+                distance_m += a_z * points_a_m[s, 2] - offset_m
+                if not oriented:
+                    cosine = abs(cosine)
+                match[c, s] = cosine > min_normal_cosine and abs(distance_m) <= max_distance_m
+    return match

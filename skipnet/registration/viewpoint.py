@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from skipnet.registration.surface_table import build_surface_table
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -19,7 +18,6 @@ _BEHIND_EXTENTS = 3.0
 _FLAT_CURVATURE = 0.03
 _MIN_COSINE = 0.2
 _MIN_SLANT_COSINE = 0.1
-_STEPS_AT_ONCE = 32
 
 
 def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
@@ -91,19 +89,10 @@ def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 1000)
     range_m = np.linalg.norm(to_sensor_m, axis=1)
     ways = to_sensor_m / np.maximum(range_m, 1e-9)[:, None]
     extent_m = float(np.linalg.norm(np.ptp(skipmap.centroids_m, axis=0)))
-    table = build_surface_table(skipmap, neighbours=False)
+    ends_m = np.minimum(range_m - voxel_m, extent_m)
+    line, row = skipmap.table.find_along(points_m, ways, 1.5 * voxel_m, ends_m, 0.5 * voxel_m)
     hidden = np.zeros(count, dtype=bool)
-    distances_m = np.arange(1.5 * voxel_m, extent_m, 0.5 * voxel_m)
-    for start in range(0, len(distances_m), _STEPS_AT_ONCE):
-        walked_m = distances_m[start : start + _STEPS_AT_ONCE]
-        going = np.flatnonzero(~hidden & (walked_m[0] < range_m - voxel_m))
-        if len(going) == 0:
-            break
-        row = table.find(*(points_m[going].T[..., None] + ways[going].T[..., None] * walked_m))
-        place, step = np.nonzero((row >= 0) & (walked_m < range_m[going, None] - voxel_m))
-        line, row = going[place], row[place, step]
-        pierced = _pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)
-        hidden[line[pierced]] = True
+    hidden[line[_pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)]] = True
     return float(hidden.mean())
 
 

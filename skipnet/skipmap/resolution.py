@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import reduce
 
 import numpy as np
 
-from skipnet.geometry import columns, invert, make_transform, principal_frame, transform_points
-from skipnet.skipmap.cells import CELL_MAX, POINTS_AT_ONCE, distinct_cells, occupied_cells
-from skipnet.types import FloatArray, IntArray
+from skipnet.compiled import compiled
+from skipnet.geometry import invert, make_transform, principal_frame, transform_points
+from skipnet.processes import side_by_side
+from skipnet.skipmap.cells import halve, occupied_cells, pack, unpack
+from skipnet.skipmap.grouping import CELL_MAX, NO_ROWS, distinct_keys
+from skipnet.types import FloatArray
 
 TARGET_VOXELS = 10_000
 """Occupied voxels that describe one scan well: 0.15 m voxels in a furnished 10 m room."""
@@ -38,9 +39,8 @@ def choose_voxel_size(
         Voxel size in the points' unit, to two digits: small changes of the input leave it alone.
     """
     frames = T_given_own or [principal_frame(points_m) for points_m in clouds_m]
-    with ThreadPoolExecutor() as pool:
-        sizes_m = pool.map(_size_for_one, clouds_m, [invert(frame) for frame in frames])
-        return float(f"{max(sizes_m):.2g}")
+    sizes_m = side_by_side(_size_for_one, clouds_m, [invert(frame) for frame in frames])
+    return float(f"{max(sizes_m):.2g}")
 
 
 def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
@@ -50,13 +50,13 @@ def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
     reach_m = _reach_m(points_m, T_middle_points)
     spread_m = spread_m or reach_m
     finest_m = max(spread_m / 64, reach_m / CELL_MAX)
-    cells = _occupied_cells(points_m, T_middle_points, finest_m)
+    keys = occupied_cells(points_m, finest_m, T_middle_points)
     # From their own lowest corner up: halved often enough, all cells meet in one.
-    cells -= cells.min(axis=1, keepdims=True)
-    counts = [cells.shape[1]]
+    keys -= pack(unpack(keys).min(axis=0)) - pack(np.zeros(3, dtype=np.int64))
+    counts = [len(keys)]
     while counts[-1] > max(goal, 1):
-        cells = distinct_cells(cells >> 1)
-        counts.append(cells.shape[1])
+        keys = distinct_keys(halve(keys), NO_ROWS)
+        counts.append(len(keys))
     if len(counts) == 1:
         # A finer size serves: the number of voxels on surfaces grows with 1 / size^2.
         return finest_m * float(np.sqrt(counts[0] / goal))
@@ -75,26 +75,28 @@ def _middle_and_spread(points_m: FloatArray, T_own_points: FloatArray) -> tuple[
         chosen = np.random.default_rng(0).integers(len(points_m), size=_SAMPLE)
         points_m = points_m.take(chosen, axis=0)
     own_m = np.ascontiguousarray(transform_points(T_own_points, points_m).T)
-    middle_m = np.array([np.median(axis_m) for axis_m in own_m])
+    middle_m = np.array([_quantile(axis_m, 0.5) for axis_m in own_m])
     own_m -= middle_m[:, None]
-    spread_m = float(np.quantile(np.sqrt(np.einsum("ij,ij->j", own_m, own_m)), 0.75))
-    return make_transform(np.eye(3), -middle_m) @ T_own_points, spread_m
+    spread_m = np.sqrt(_quantile(np.einsum("ij,ij->j", own_m, own_m), 0.75))
+    return make_transform(np.eye(3), -middle_m) @ T_own_points, float(spread_m)
 
 
+def _quantile(values: FloatArray, share: float) -> float:
+    """The value that a share of (N,) values lies below; of two that might be it, one."""
+    place = int(share * (len(values) - 1))
+    return float(np.partition(values, place)[place])
+
+
+@compiled
 def _reach_m(points_m: FloatArray, T_middle_points: FloatArray) -> float:
     """How far the farthest point lies from the middle."""
-    return max(
-        float(np.sqrt(np.einsum("ij,ij->j", xyz_m, xyz_m).max()))
-        for xyz_m in columns(points_m, T_middle_points)
-    )
-
-
-def _occupied_cells(
-    points_m: FloatArray, T_middle_points: FloatArray, voxel_size_m: float
-) -> IntArray:
-    """(3, G) cells that hold points."""
-    chunks = (
-        occupied_cells(xyz_m, voxel_size_m)
-        for xyz_m in columns(points_m, T_middle_points, POINTS_AT_ONCE)
-    )
-    return reduce(lambda seen, new: distinct_cells(np.concatenate([seen, new], axis=1)), chunks)
+    farthest_m2, T = 0.0, T_middle_points
+    for i in range(len(points_m)):
+        x_m, y_m, z_m = points_m[i, 0], points_m[i, 1], points_m[i, 2]
+        x = T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3]
+        y = T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3]
+        z = T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3]
+        square_m2 = x * x + y * y + z * z
+        if square_m2 > farthest_m2:  # hardly ever, and nobody waits for the last one's maximum
+            farthest_m2 = square_m2
+    return np.sqrt(farthest_m2)

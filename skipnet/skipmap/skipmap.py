@@ -8,12 +8,13 @@ gives curvature and normal. Voxel centres coloured by curvature are the paper's 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from skipnet.skipmap.cells import CellIndex, neighbour_rows, pack, unpack
-from skipnet.skipmap.moments import Moments, curvature, principal_axes
+from skipnet.compiled import compiled
+from skipnet.skipmap.cell_table import CellTable
+from skipnet.skipmap.cells import pack, unpack
+from skipnet.skipmap.moments import add_neighbours, curvature, principal_axes
 from skipnet.skipmap.tree import SkipTree, build_tree
 from skipnet.types import FloatArray, IntArray
 
@@ -23,7 +24,9 @@ MIN_NEIGHBOURHOOD_POINTS = 6
 MIN_WIDTH = 0.15
 """Least width of a neighbourhood, as a share of its length: one scan line alone has no normal."""
 
-_NEIGHBOURHOOD = np.array(list(np.ndindex(3, 3, 3))) - 1
+_COLUMN_STEPS = pack(np.array([(x, y, 0) for x in (-1, 0, 1) for y in (-1, 0, 1)])) - pack(
+    np.zeros(3, dtype=np.int64)
+)
 
 
 @dataclass(frozen=True)
@@ -41,10 +44,14 @@ class SkipMap:
     """(V, 3) mean of the voxel's own points, scan frame."""
     eigenvalues_m2: FloatArray
     """(V, 3) ascending, of the 3x3x3 neighbourhood's covariance."""
-    axes: FloatArray
-    """(V, 3, 3) unit eigenvectors in columns, of ascending eigenvalue; column 0 is the normal."""
+    normals: FloatArray
+    """(V, 3) unit normals, towards the sensor; of either sign if the viewpoint is unknown."""
+    directions: FloatArray
+    """(V, 3) unit directions in which the neighbourhood extends farthest, of either sign."""
     curvatures: FloatArray
     """(V,) l0 / (l0 + l1 + l2): 0 flat, 1/3 a ball."""
+    table: CellTable
+    """The row of the effective voxel in each cell."""
     viewpoint_m: FloatArray | None
     """(3,) sensor position in the scan's frame; None when unknown."""
 
@@ -56,32 +63,17 @@ class SkipMap:
         """(V, 3) int64 cells."""
         return unpack(self.keys)
 
-    @cached_property
-    def normals(self) -> FloatArray:
-        """(V, 3) unit normals, towards the sensor; of either sign if the viewpoint is unknown."""
-        return np.ascontiguousarray(self.axes[:, :, 0])
-
-    @cached_property
-    def _index(self) -> CellIndex:
-        return CellIndex(self.keys)
-
-    def find(self, cells: IntArray) -> IntArray:
-        """Row of each (..., 3) cell, -1 where there is no effective voxel."""
-        return self.find_keys(pack(cells))
-
-    def find_keys(self, keys: IntArray) -> IntArray:
-        """As ``find``, for cells that are packed already."""
-        return self._index.find(keys)
+    def find_around(self, rows: IntArray, steps: IntArray) -> IntArray:
+        """(K, O) rows of the effective voxels (O, 3) cells away from (K,) ones; -1 for none."""
+        return self.table.find_around(self.cells[rows], steps)
 
     def seen_from(self, viewpoint_m: FloatArray | None) -> SkipMap:
         """The same map with normals towards (3,) ``viewpoint_m``; None forgets the viewpoint."""
         if viewpoint_m is None:
             return replace(self, viewpoint_m=None)
         viewpoint_m = np.asarray(viewpoint_m, dtype=np.float64)
-        away = np.einsum("vi,vi->v", self.normals, viewpoint_m - self.centroids_m) < 0
-        axes = self.axes.copy()
-        axes[away, :, 0] *= -1
-        return replace(self, axes=axes, viewpoint_m=viewpoint_m)
+        normals = _turned_towards(self.normals, self.centroids_m, viewpoint_m)
+        return replace(self, normals=normals, viewpoint_m=viewpoint_m)
 
 
 def build_skipmap(
@@ -110,31 +102,39 @@ def skipmap_of_tree(
     min_points: int = MIN_NEIGHBOURHOOD_POINTS,
 ) -> SkipMap:
     """The Skip-map of a tree at its own resolution; ``tree.coarser()`` has the next level."""
-    around = _sum_neighbourhoods(tree)
-    effective = np.flatnonzero(around.count >= min_points)
-    eigenvalues_m2, axes = principal_axes(around[effective])
-    surface = np.flatnonzero(eigenvalues_m2[:, 1] > MIN_WIDTH**2 * eigenvalues_m2[:, 2])
-    effective = effective.take(surface)
-    eigenvalues_m2, axes = (part.take(surface, axis=0) for part in (eigenvalues_m2, axes))
+    around = add_neighbours(tree.moments, tree.keys, _COLUMN_STEPS)
+    eigenvalues_m2, axes = principal_axes(around)
+    is_surface = eigenvalues_m2[:, 1] > MIN_WIDTH**2 * eigenvalues_m2[:, 2]
+    effective = np.flatnonzero((around.count >= min_points) & is_surface)
+    eigenvalues_m2 = eigenvalues_m2.take(effective, axis=0)
+    keys = tree.keys[effective]
     skipmap = SkipMap(
         voxel_size_m=tree.voxel_size_m,
         origin_m=tree.origin_m,
-        keys=tree.keys[effective],
+        keys=keys,
         counts=tree.moments.count[effective],
         centroids_m=tree.centroids_m[effective],
         eigenvalues_m2=eigenvalues_m2,
-        axes=axes,
+        normals=axes[effective, :, 0],
+        directions=axes[effective, :, 2],
         curvatures=curvature(eigenvalues_m2),
+        table=CellTable(unpack(keys), tree.voxel_size_m, tree.origin_m),
         viewpoint_m=None,
     )
     return skipmap.seen_from(viewpoint_m)
 
 
-def _sum_neighbourhoods(tree: SkipTree) -> Moments:
-    """Moments of every voxel's 3x3x3 neighbourhood, by addition."""
-    from scipy.sparse import csr_array
-
-    rows, ends = neighbour_rows(tree.keys, _NEIGHBOURHOOD)
-    adjacent = csr_array((np.ones(len(rows)), rows, ends), shape=(len(tree), len(tree)))
-    sums = adjacent @ np.ascontiguousarray(tree.moments.sums.T)
-    return Moments(np.ascontiguousarray(sums.T))
+@compiled
+def _turned_towards(
+    normals: FloatArray, centroids_m: FloatArray, viewpoint_m: FloatArray
+) -> FloatArray:
+    """(V, 3) normals turned towards a place."""
+    turned = normals.copy()
+    for v in range(len(normals)):
+        towards = 0.0
+        for i in range(3):
+            towards += normals[v, i] * (viewpoint_m[i] - centroids_m[v, i])
+        if towards < 0:
+            for i in range(3):
+                turned[v, i] = -normals[v, i]
+    return turned

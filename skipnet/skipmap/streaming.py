@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from skipnet.geometry import bounds
-from skipnet.skipmap.cells import CELL_MAX
+from skipnet.skipmap.grouping import CELL_MAX
 from skipnet.skipmap.tree import SkipTree, build_tree, merge_trees
 from skipnet.types import FloatArray
 

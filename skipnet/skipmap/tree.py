@@ -11,22 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
 
 import numpy as np
 
-from skipnet.geometry import bounds, columns, transform_points
+from skipnet.geometry import bounds, make_transform, transform_points
 from skipnet.skipmap.cells import (
     CELL_MAX,
     CELL_MIN,
-    POINTS_AT_ONCE,
-    CellIndex,
     cells_of,
     group_by_cell,
     halve,
     pack,
     unpack,
 )
+from skipnet.skipmap.grouping import group_keys
 from skipnet.skipmap.moments import Moments, add_up, sum_groups
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -60,17 +58,11 @@ class SkipTree:
         """(V, 3) mean of each voxel's points, in the frame of the points."""
         return self.moments.mean + self.origin_m
 
-    @cached_property
-    def _index(self) -> CellIndex:
-        return CellIndex(self.keys)
-
     def find(self, cells: IntArray) -> IntArray:
         """Exact lookup: the row of each (..., 3) cell, -1 where the tree has no such voxel."""
-        return self.find_keys(pack(cells))
-
-    def find_keys(self, keys: IntArray) -> IntArray:
-        """As ``find``, for cells that are packed already."""
-        return self._index.find(keys)
+        keys = pack(cells)
+        rows = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        return np.where(self.keys[rows] == keys, rows, -1)
 
     def integrate(self, points_m: FloatArray) -> SkipTree:
         """Find-or-insert the voxels of (N, 3) points and add the points to them."""
@@ -91,13 +83,13 @@ class SkipTree:
             ValueError: the grids differ, or ``other`` holds points that this tree does not.
         """
         _check_same_grid(self, other)
-        rows = self.find_keys(other.keys)
+        rows = self.find(other.cells)
         if (rows < 0).any() or (self.moments.count[rows] < other.moments.count).any():
             raise ValueError("the scan to remove has points that this tree never integrated")
         sums = self.moments.sums.copy()
-        sums[:, rows] -= other.moments.sums
-        left = Moments(sums)[sums[0] > 0]
-        return SkipTree(self.voxel_size_m, self.origin_m, self.keys[sums[0] > 0], left)
+        sums[rows] -= other.moments.sums
+        left = sums[:, 0] > 0
+        return SkipTree(self.voxel_size_m, self.origin_m, self.keys[left], Moments(sums[left]))
 
     def coarser(self, levels: int = 1) -> SkipTree:
         """The tree of voxels 2**levels times as wide, from the moments alone."""
@@ -171,7 +163,7 @@ def build_tree(
     origin_m: FloatArray | None = None,
     T_tree_points: FloatArray | None = None,
 ) -> SkipTree:
-    """Divide (N, 3) points into voxels of ``voxel_size_m``, chunk by chunk.
+    """Divide (N, 3) points into voxels of ``voxel_size_m``.
 
     Args:
         points_m: (N, 3) points, at least one; or a tree of finer voxels, each of which goes,
@@ -193,15 +185,15 @@ def build_tree(
         origin_m = _default_origin_m(points_of(points_m), T_tree_points)
     if isinstance(points_m, SkipTree):
         return _regrid(points_m, voxel_size_m, origin_m, T_tree_points)
-    chunks = (
-        _tree_of_chunk(xyz_m, voxel_size_m, origin_m)
-        for xyz_m in columns(points_m, T_tree_points, POINTS_AT_ONCE)
-    )
-    return reduce(SkipTree.add, chunks)
+    T_tree_points = np.eye(4) if T_tree_points is None else T_tree_points
+    T_grid_points = make_transform(np.eye(3), -np.asarray(origin_m)) @ T_tree_points
+    keys, row = group_by_cell(points_m, voxel_size_m, T_grid_points)
+    moments = sum_groups(points_m, row, len(keys), T_grid_points)
+    return SkipTree(voxel_size_m, origin_m, keys, moments)
 
 
 def merge_trees(trees: Sequence[SkipTree]) -> SkipTree:
-    """The tree of all trees' points, one or more; the rows are sorted only once.
+    """The tree of all trees' points, one or more.
 
     Raises:
         ValueError: the trees differ in voxel size or origin.
@@ -210,7 +202,7 @@ def merge_trees(trees: Sequence[SkipTree]) -> SkipTree:
     for other in trees[1:]:
         _check_same_grid(first, other)
     keys = np.concatenate([tree.keys for tree in trees])
-    moments = Moments(np.concatenate([tree.moments.sums for tree in trees], axis=1))
+    moments = Moments(np.concatenate([tree.moments.sums for tree in trees]))
     return _gather(first.voxel_size_m, first.origin_m, keys, moments)
 
 
@@ -222,12 +214,6 @@ def _default_origin_m(points_m: FloatArray, T_tree_points: FloatArray | None) ->
     return np.round(middle_m)
 
 
-def _tree_of_chunk(xyz_m: FloatArray, voxel_size_m: float, origin_m: FloatArray) -> SkipTree:
-    xyz_m -= origin_m[:, None]
-    keys, row = group_by_cell(xyz_m, voxel_size_m)
-    return SkipTree(voxel_size_m, origin_m, keys, sum_groups(xyz_m, row, len(keys)))
-
-
 def _regrid(
     tree: SkipTree, voxel_size_m: float, origin_m: FloatArray, T_new_old: FloatArray | None
 ) -> SkipTree:
@@ -235,7 +221,7 @@ def _regrid(
     T_new_old = np.eye(4) if T_new_old is None else T_new_old
     shift_m = transform_points(T_new_old, tree.origin_m[None])[0] - origin_m
     moments = tree.moments.moved(T_new_old[:3, :3], shift_m)
-    keys, row = group_by_cell(np.ascontiguousarray(moments.mean.T), voxel_size_m)
+    keys, row = group_by_cell(moments.mean, voxel_size_m, np.eye(4))
     return SkipTree(voxel_size_m, origin_m, keys, add_up(moments, row, len(keys)))
 
 
@@ -243,12 +229,7 @@ def _gather(
     voxel_size_m: float, origin_m: FloatArray, keys: IntArray, moments: Moments
 ) -> SkipTree:
     """Add up the voxels that share a key, and sort by key."""
-    order = np.argsort(keys, kind="stable")
-    ascending = keys[order]
-    is_first = np.concatenate([[True], ascending[1:] != ascending[:-1]])
-    row = np.empty(len(keys), dtype=np.intp)
-    row[order] = np.cumsum(is_first) - 1
-    distinct = ascending[is_first]
+    distinct, row = group_keys(keys)
     return SkipTree(voxel_size_m, origin_m, distinct, add_up(moments, row, len(distinct)))
 
 

@@ -1,0 +1,96 @@
+"""What is compiled depends on its own file alone, and a stale or missing cache does no harm."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / "skipnet"
+DECORATORS = {"compiled", "inlined"}
+
+
+def foreign_names(source: str) -> set[str]:
+    """Names imported from skipnet that a compiled function of a module uses."""
+    tree = ast.parse(source)
+    imported = {
+        alias.asname or alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("skipnet")
+        for alias in node.names
+    }
+    used = set()
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef) and any(
+            isinstance(by, ast.Name) and by.id in DECORATORS for by in function.decorator_list
+        ):
+            for statement in function.body:
+                used |= {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
+    return imported & used
+
+
+MODULES = [
+    path
+    for path in sorted(ROOT.rglob("*.py"))
+    if "@compiled\n" in path.read_text() and path.name != "compiled.py"
+]
+
+
+def test_there_are_compiled_functions_to_check():
+    assert len(MODULES) > 5
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
+def test_compiled_functions_use_nothing_from_other_files(path):
+    # numba would not notice that the other file has changed, and run what it compiled before.
+    assert foreign_names(path.read_text()) == set()
+
+
+def test_a_name_from_another_file_would_be_noticed():
+    source = (
+        "from skipnet.compiled import compiled\nfrom skipnet.skipmap.cells import pack as p\n"
+        "@compiled\ndef f(x: p) -> int:\n    return g(x)\n@compiled\ndef g(x):\n    return p(x)\n"
+    )
+    assert foreign_names(source) == {"p"}
+
+
+SCRIPT = """
+import numpy as np
+from skipnet.geometry import bounds
+low_m, high_m = bounds(np.array([[1.0, 5.0, 0.0], [3.0, 2.0, 0.0]]))
+print(low_m.tolist(), high_m.tolist())
+"""
+
+
+def run_anew(folder: Path, **variables: str) -> str:
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        cwd=folder,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return run.stdout.strip()
+
+
+def test_where_no_folder_can_be_written_each_process_compiles_anew():
+    # numba asks a class that finds no place outside of zip files.
+    found = run_anew(ROOT.parent, NUMBA_CACHE_LOCATOR_CLASSES="ZipCacheLocator")
+    assert found == "[1.0, 2.0, 0.0] [3.0, 5.0, 0.0]"
+
+
+def test_code_kept_from_an_earlier_version_of_a_file_is_not_used(tmp_path):
+    import shutil
+
+    shutil.copytree(ROOT, tmp_path / "skipnet", ignore=shutil.ignore_patterns("__pycache__"))
+    before = run_anew(tmp_path, PYTHONPATH=str(tmp_path))
+    assert before == "[1.0, 2.0, 0.0] [3.0, 5.0, 0.0]"
+    path = tmp_path / "skipnet" / "geometry.py"
+    path.write_text(path.read_text().replace("return low_m, high_m", "return high_m, low_m"))
+    after = run_anew(tmp_path, PYTHONPATH=str(tmp_path))
+    assert after == "[3.0, 5.0, 0.0] [1.0, 2.0, 0.0]"
