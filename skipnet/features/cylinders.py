@@ -10,13 +10,16 @@ patches must not care (``learning.descriptor`` does not).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from skipnet.features.descriptors import factors_of_squared_distances
-from skipnet.features.frames import Level, level_of, outer_products, tangent_frames
-from skipnet.skipmap.cells import pack, unpack
+from skipnet.compiled import compiled
+from skipnet.features.frames import (
+    Level,
+    level_of,
+    outer_products,
+    runs_around,
+    tangent_frames,
+)
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -32,17 +35,13 @@ SECTOR_SIZE = len(LEVELS) * KINDS * RADII * HEIGHTS
 _SLICES = 10
 """Thinner sectors, counted first: a sector takes 3/4 of its own two, 1/4 of one on each side."""
 _BINS = _SLICES * KINDS * RADII * HEIGHTS
-_OUTSIDE, _BINS_AND_OUTSIDE = 511, 512
+_OUTSIDE = _BINS
 _GRID = 60
 """Places per axis, across the cylinder, for which the bin is looked up: a sixth of a voxel each."""
 _PLACES = _GRID + 2
-_FAR_VOXELS = 1e4
-"""Where the row that fills up a list lies: outside every cylinder."""
-_LIST_REACH_VOXELS = REACH_VOXELS + 3**0.5 / 2
-"""Beyond the cylinder's, from a cell's centre to its corners."""
-_DISTANCES_AT_ONCE = 1 << 18
-_CHUNK = 256
-"""Voxels described at a time: their pairs stay in the processor's cache."""
+"""With one on each side for all that is outside."""
+_OUTER_REACH_VOXELS = REACH_VOXELS * (1 + 3**0.5 / _GRID)
+"""Beyond it lies no place of which the middle is in the cylinder."""
 
 
 def choose_keypoints(skipmap: SkipMap, count: int) -> IntArray:
@@ -83,91 +82,77 @@ def turned_over(patches: FloatArray) -> FloatArray:
 
 def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: Level) -> FloatArray:
     """(K, 5, 50) one scale of the patches."""
-    middle = level.places(skipmap.centroids_m[rows]).astype(np.float32)
-    around = _around(level)
-    near = _neighbours(middle, around[:-1, :3])
-    to_places = _to_places(middle, frames.astype(np.float32))
-    scale = np.empty((len(rows), SECTORS, _BINS // _SLICES), dtype=np.float32)
-    sizes = near.sizes[near.group].astype(np.uint16)  # short numbers are sorted by radix
-    by_size = np.argsort(sizes, kind="stable")
-    for start in range(0, len(rows), _CHUNK):
-        chunk = by_size[start : start + _CHUNK]
-        listed = near.lists[near.group[chunk], : sizes[chunk[-1]]]
-        slices = _count(around.take(listed, axis=0), to_places[chunk])
-        scale[chunk] = np.log(1 + _SLICES_TO_SECTORS @ slices)
-    return scale
+    middle = level.places(skipmap.centroids_m[rows])
+    order, first, last = runs_around(middle, level.moments.mean, _OUTER_REACH_VOXELS)
+    turned = frames * (_GRID / (2 * REACH_VOXELS))
+    kind = 1.9999 * outer_products(frames[:, :, 0])
+    around = np.concatenate([level.moments.mean, level.alignment], axis=1)[order]
+    slices = _count(
+        *(part.astype(np.float32) for part in (middle, turned, kind)),
+        np.ascontiguousarray(around.T, dtype=np.float32),
+        *(first, last, _BIN_OF_PLACE),
+    )
+    inside = slices[:, :_BINS].reshape(len(rows), _SLICES, -1).astype(np.float32)
+    return np.log(1 + _SLICES_TO_SECTORS @ inside)
 
 
-def _around(level: Level) -> FloatArray:
-    """(W + 1, 10) float32 centroids, 1, and the normals' alignment; the last row is far away."""
-    count = len(level.moments)
-    around = np.zeros((count + 1, 10), dtype=np.float32)
-    around[:count, :3] = level.moments.mean
-    around[count, :3] = _FAR_VOXELS
-    around[:, 3] = 1
-    around[:count, 4:] = level.alignment
-    return around
+@compiled
+def _count(
+    middle: FloatArray,
+    frames: FloatArray,
+    own: FloatArray,
+    around: FloatArray,
+    first: IntArray,
+    last: IntArray,
+    bin_of_place: IntArray,
+) -> IntArray:
+    """Count what lies around voxels, by slice, kind, radius and height.
 
+    Where each one lies is worked out for all of a run, several at a time, and none is left out
+    before it is counted: to decide would take longer.
 
-@dataclass(frozen=True)
-class _Near:
-    """What may lie in the cylinders: voxels of one cell of the level share one list."""
+    Args:
+        middle: (K, 3) float32 the voxels, in those of the level.
+        frames: (K, 3, 3) their axes and two tangents, in columns, as long as there are places.
+        own: (K, 6) ``outer_products`` of their axes, times twice a little less than 1.
+        around: (9, W) centroids of the level and their normals' alignment, as in ``runs_around``.
+        first: (K, 3) of ``runs_around``.
+        last: likewise.
+        bin_of_place: of ``_bin_of_place``.
 
-    group: IntArray
-    """(K,) each voxel's list."""
-    lists: IntArray
-    """(G, L) rows of what lies around, filled up with the one that is far away."""
-    sizes: IntArray
-    """(G,) rows that are not filled up."""
-
-
-def _neighbours(middle: FloatArray, around: FloatArray) -> _Near:
-    """The lists of (K, 3) voxels to describe among (W, 3) points, in voxels of the level.
-
-    A level has hundreds or a few thousand voxels: measuring all distances is quicker than a tree.
+    Returns:
+        (K, 501) int32; the last counts what is outside.
     """
-    keys, group = np.unique(pack(np.floor(middle).astype(np.int64)), return_inverse=True)
-    centres = (unpack(keys) + 0.5).astype(np.float32)
-    left, right = factors_of_squared_distances(centres, around)
-    # Far from the middle float32 errs more; what is listed in vain is not counted.
-    error = 8 * np.finfo(np.float32).eps * float(right[-1].max(initial=0.0))
-    rows, sizes = [np.zeros(0, dtype=np.int32)], np.zeros(len(keys), dtype=np.int64)
-    step = max(1, _DISTANCES_AT_ONCE // max(1, len(around)))
-    for start in range(0, len(keys), step):
-        near = left[start : start + step] @ right < _LIST_REACH_VOXELS**2 + error
-        size = sizes[start : start + step] = np.count_nonzero(near, axis=1)
-        firsts = np.repeat(np.arange(len(near)) * len(around), size)
-        rows.append((np.flatnonzero(near) - firsts).astype(np.int32))
-    lists = np.full((len(keys), sizes.max(initial=0)), len(around), dtype=np.int32)
-    lists[np.arange(lists.shape[1]) < sizes[:, None]] = np.concatenate(rows)
-    return _Near(group, lists, sizes)
-
-
-def _to_places(middle: FloatArray, frames: FloatArray) -> FloatArray:
-    """(K, 10, 4) maps of what lies around to each voxel's grid of places, and to its kind.
-
-    Inside the cylinder a place is 1 to 61 along each axis. The kind, 0 to a little less than 2, is
-    twice the squared cosine between the surface and the voxel's own.
-    """
-    turned = frames * np.float32(_GRID / (2 * REACH_VOXELS))
-    maps = np.zeros((len(middle), 10, 4), dtype=np.float32)
-    maps[:, :3, :3] = turned
-    maps[:, 3, :3] = _GRID / 2 + 1 - np.matmul(middle[:, None], turned)[:, 0]
-    maps[:, 4:, 3] = 1.9999 * outer_products(frames[:, :, 0])
-    return maps
-
-
-def _count(near: FloatArray, to_places: FloatArray) -> FloatArray:
-    """(C, 10, 50) centroids per slice, of (C, L, 10) what lies around and (C, 10, 4) maps."""
-    places = near @ to_places
-    np.clip(places, 0, _GRID + 1, out=places)
-    np.floor(places, out=places)
-    place = (places @ _STRIDES).astype(np.int32)  # exact: below 2^24
-    bins = np.arange(len(near), dtype=np.int32)[:, None] * _BINS_AND_OUTSIDE
-    bins = bins + _BIN_OF_PLACE.take(place)
-    counts = np.bincount(bins.ravel(), minlength=len(near) * _BINS_AND_OUTSIDE)
-    inside = counts.reshape(-1, _BINS_AND_OUTSIDE)[:, :_BINS]
-    return inside.reshape(len(near), _SLICES, -1).astype(np.float32)
+    counts = np.zeros((len(middle), _BINS + 1), dtype=np.int32)
+    places = np.empty(around.shape[1], dtype=np.int32)
+    side = np.int32(_PLACES)
+    least, most, half = np.float32(0), np.float32(_GRID + 1), np.float32(_GRID / 2 + 1)
+    for k in range(len(middle)):
+        x_k, y_k, z_k = middle[k, 0], middle[k, 1], middle[k, 2]
+        h_x, h_y, h_z = frames[k, 0, 0], frames[k, 1, 0], frames[k, 2, 0]
+        u_x, u_y, u_z = frames[k, 0, 1], frames[k, 1, 1], frames[k, 2, 1]
+        v_x, v_y, v_z = frames[k, 0, 2], frames[k, 1, 2], frames[k, 2, 2]
+        k_xx, k_xy, k_xz = own[k, 0], own[k, 1], own[k, 2]
+        k_yy, k_yz, k_zz = own[k, 3], own[k, 4], own[k, 5]
+        for run in range(3):
+            start, stop = first[k, run], last[k, run]
+            x_s, y_s, z_s = around[0, start:stop], around[1, start:stop], around[2, start:stop]
+            xx, xy, xz = around[3, start:stop], around[4, start:stop], around[5, start:stop]
+            yy, yz, zz = around[6, start:stop], around[7, start:stop], around[8, start:stop]
+            for w in range(len(x_s)):
+                x, y, z = x_s[w] - x_k, y_s[w] - y_k, z_s[w] - z_k
+                h = np.int32(min(max(x * h_x + y * h_y + z * h_z + half, least), most))
+                u = np.int32(min(max(x * u_x + y * u_y + z * u_z + half, least), most))
+                v = np.int32(min(max(x * v_x + y * v_y + z * v_z + half, least), most))
+                places[w] = (h * side + u) * side + v
+            for w in range(len(x_s)):
+                # Twice the mean squared cosine between the surface and the voxel's own.
+                kind = xx[w] * k_xx + xy[w] * k_xy + xz[w] * k_xz
+                kind += yy[w] * k_yy + yz[w] * k_yz + zz[w] * k_zz
+                places[w] += np.int32(kind) * (side * side * side)
+            for w in range(len(x_s)):
+                counts[k, bin_of_place[places[w]]] += 1
+    return counts
 
 
 def _bin_of_place() -> IntArray:
@@ -199,4 +184,3 @@ def _slices_to_sectors() -> FloatArray:
 
 _BIN_OF_PLACE = _bin_of_place()
 _SLICES_TO_SECTORS = _slices_to_sectors()
-_STRIDES = np.array([_PLACES**2, _PLACES, 1, _PLACES**3], dtype=np.float32)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.compiled import compiled
 from skipnet.skipmap.cells import halve
 from skipnet.skipmap.grouping import group_keys
 from skipnet.skipmap.moments import Moments, add_up, moments_of_points, principal_axes
@@ -20,6 +21,8 @@ from skipnet.types import FloatArray, IntArray
 
 FRAME_REACH_VOXELS = 2.5
 """The frame is read off voxels of twice the Skip-map's size that are nearer than so many sizes."""
+_FAR = 1e7
+"""Voxels; no scan is as wide."""
 _ROW, _COLUMN = np.triu_indices(3)
 _IN_TWICE_THE_VOXEL = 0.5 ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
 """What turns a voxel's moments into those in units of a voxel twice as wide."""
@@ -86,22 +89,66 @@ def tangent_frames(skipmap: SkipMap, rows: IntArray, around: Level | None = None
     Returns:
         (K, 3, 3) in columns: the surface's axis and two tangents of arbitrary azimuth.
     """
-    from scipy.spatial import cKDTree
-
     if len(rows) == 0:
         return np.zeros((0, 3, 3))
     around = around or level_of(skipmap).coarser()
-    trees = [
-        cKDTree(places, balanced_tree=False, compact_nodes=False)
-        for places in (around.places(skipmap.centroids_m[rows]), around.moments.mean)
-    ]
-    near = trees[0].sparse_distance_matrix(trees[1], FRAME_REACH_VOXELS, output_type="coo_matrix")
-    near.data = 1 - (near.data / FRAME_REACH_VOXELS) ** 2  # what is farther tells less
-    near.has_canonical_format = True  # no pair comes twice
-    near = near.tocsr()
-    _, axes = principal_axes(Moments(near @ around.moments.sums))
+    middle = around.places(skipmap.centroids_m[rows])
+    order, first, last = runs_around(middle, around.moments.mean, FRAME_REACH_VOXELS)
+    figures = np.concatenate([around.moments.sums, around.normals[:, 1:4]], axis=1)
+    sums = _weigh(middle, around.moments.mean[order], figures[order], first, last)
+    _, axes = principal_axes(Moments(sums[:, :10]))
     known = skipmap.viewpoint_m is not None
-    sides = near @ around.normals[:, 1:4] if known else skipmap.normals[rows]
+    sides = sums[:, 10:] if known else skipmap.normals[rows]
     axis, tangent = axes[:, :, 0], axes[:, :, 2]
     axis = np.where(np.einsum("ki,ki->k", axis, sides)[:, None] < 0, -axis, axis)
     return np.stack([axis, tangent, np.cross(axis, tangent)], axis=2)
+
+
+def runs_around(
+    middle: FloatArray, around: FloatArray, reach: float
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Sort (W, 3) places so that what lies around each of (K, 3) others is in three runs.
+
+    Args:
+        middle: places to look around.
+        around: what may lie around them.
+        reach: how far around.
+
+    Returns:
+        (W,) order of what lies around, by slabs across x that are as thick as the reach, in each by
+        y; (K, 3) where in this order the runs of each place start, and where they end. What a run
+        has may still be too far away.
+    """
+    slab = np.floor(around[:, 0] / reach)
+    key = slab * _FAR + around[:, 1]
+    order = np.argsort(key, kind="stable")
+    own_slab = np.floor(middle[:, 0] / reach)[:, None] + [-1, 0, 1]
+    own_key = own_slab * _FAR + middle[:, 1:2]
+    first, last = (np.searchsorted(key[order], end) for end in (own_key - reach, own_key + reach))
+    return order, first, last
+
+
+@compiled
+def _weigh(
+    middle: FloatArray, around: FloatArray, figures: FloatArray, first: IntArray, last: IntArray
+) -> FloatArray:
+    """(K, F) sums of (W, F) figures of what is near (K, 3) places; what is farther tells less.
+
+    Args:
+        middle: the places.
+        around: (W, 3) in the order of ``runs_around``.
+        figures: likewise.
+        first: (K, 3) of ``runs_around``.
+        last: likewise.
+    """
+    sums = np.zeros((len(middle), figures.shape[1]))
+    for k in range(len(middle)):
+        for run in range(3):
+            for w in range(first[k, run], last[k, run]):
+                x, y = around[w, 0] - middle[k, 0], around[w, 1] - middle[k, 1]
+                z = around[w, 2] - middle[k, 2]
+                weight = 1 - (x * x + y * y + z * z) / (FRAME_REACH_VOXELS * FRAME_REACH_VOXELS)
+                if weight > 0:
+                    for figure in range(figures.shape[1]):
+                        sums[k, figure] += weight * figures[w, figure]
+    return sums
