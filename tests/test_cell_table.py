@@ -97,7 +97,7 @@ def test_lines_meet_the_voxels_on_their_way():
 
 
 def test_what_is_too_far_for_any_table_is_left_out_and_the_middle_stays(monkeypatch):
-    monkeypatch.setattr(cell_table, "_MOST_BLOCKS", 1000)
+    monkeypatch.setattr(cell_table, "_MOST_BLOCKS", 8000)
     rng = np.random.default_rng(4)
     middle = np.unique(rng.integers(-60, 60, size=(5000, 3)), axis=0)
     far = np.unique(rng.integers(-(1 << 20), 1 << 20, size=(40, 3)), axis=0)

@@ -1,16 +1,17 @@
-"""Child processes: what runs in them, and how many threads BLAS takes there and here."""
+"""Child processes and threads: what runs in them, and how many threads BLAS takes."""
 
 from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from threading import Event, Thread
+from threading import Barrier, Event, Thread
 
 import numpy as np
 import pytest
 import scipy.linalg  # noqa: F401  # has a BLAS of its own, which only counts once it is loaded
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from skipnet import processes
 from skipnet.config import Generator, RegistrationConfig
 from skipnet.learning import descriptor
 from skipnet.processes import (
@@ -127,3 +128,37 @@ def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) 
         seen.clear()
         descriptor.describe_keypoints(source.skipmap, network)
         assert seen == {"choose_keypoints": {1}}
+
+
+def test_calls_side_by_side_come_back_in_order_whoever_makes_them(monkeypatch):
+    expected = [number + 10 * number for number in range(40)]
+    for count in (1, 2, 8):
+        monkeypatch.setattr(processes, "processors", lambda count=count: count)
+        columns = range(40), range(0, 400, 10)
+        assert processes.side_by_side(lambda a, b: a + b, *columns) == expected
+        assert processes.side_by_side(lambda a: a, []) == []
+
+
+def test_calls_side_by_side_may_make_others_though_all_helpers_are_busy():
+    def outer(number):
+        return sum(processes.side_by_side(lambda inner: number * inner, range(5)))
+
+    assert processes.side_by_side(outer, range(30)) == [10 * number for number in range(30)]
+
+
+@pytest.mark.parametrize("wrong", [0, 1, 7])
+def test_an_error_side_by_side_is_raised(wrong):
+    def call(number):
+        if number == wrong:
+            raise ValueError(f"call {number}")
+        return number
+
+    with pytest.raises(ValueError, match=f"call {wrong}"):
+        processes.side_by_side(call, range(8))
+    assert processes.side_by_side(call, range(8, 12)) == [8, 9, 10, 11]
+
+
+def test_two_long_calls_side_by_side_run_at_the_same_time(monkeypatch):
+    monkeypatch.setattr(processes, "processors", lambda: 2)
+    here = Barrier(2)
+    assert processes.side_by_side(lambda _: here.wait(timeout=20) >= 0, range(2)) == [True, True]

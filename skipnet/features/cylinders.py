@@ -141,9 +141,9 @@ def _count(
             yy, yz, zz = around[6, start:stop], around[7, start:stop], around[8, start:stop]
             for w in range(len(x_s)):
                 x, y, z = x_s[w] - x_k, y_s[w] - y_k, z_s[w] - z_k
-                h = np.int32(min(max(x * h_x + y * h_y + z * h_z + half, least), most))
-                u = np.int32(min(max(x * u_x + y * u_y + z * u_z + half, least), most))
-                v = np.int32(min(max(x * v_x + y * v_y + z * v_z + half, least), most))
+                h = np.int32(min(most, max(least, x * h_x + y * h_y + z * h_z + half)))
+                u = np.int32(min(most, max(least, x * u_x + y * u_y + z * u_z + half)))
+                v = np.int32(min(most, max(least, x * v_x + y * v_y + z * v_z + half)))
                 places[w] = (h * side + u) * side + v
             for w in range(len(x_s)):
                 # Twice the mean squared cosine between the surface and the voxel's own.

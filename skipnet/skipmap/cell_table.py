@@ -8,11 +8,12 @@ from skipnet.compiled import compiled, inlined
 from skipnet.types import FloatArray, IntArray
 
 _LEAF_BITS = 2
-_BLOCK_BITS = 5
-"""Cells along each edge, as powers of two: leaves of 4, and blocks of 32, which hold 8 leaves."""
+_BLOCK_BITS = 4
+"""Cells along each edge, as powers of two: leaves of 4, and blocks of 16."""
 _LEAVES_BITS = _BLOCK_BITS - _LEAF_BITS
 _MOST_BLOCKS = 1 << 22
-"""Blocks that the table may span, most of them empty: 5000 cells in each direction."""
+"""Blocks that the table may span, most of them empty: 2500 cells in each direction."""
+_COUNT_ONLY = np.empty((2, 0), dtype=np.int32)
 _STEP_BITS = 2
 """A cell holds the row of its voxel and how many steps away that is, 0 to 3."""
 
@@ -112,11 +113,12 @@ class CellTable:
             (P,) which line met (P,) which row, in order; once for several looks on end.
         """
         looks = np.maximum(np.ceil((ends_m - first_m) / step_m), 0).astype(np.int64)
-        met = np.empty((2, int(looks.sum())), dtype=np.int32)
         starts = (starts_m + first_m * ways - self.origin_m) * (1 / self.voxel_size_m) - self._low
         strides = ways * (step_m / self.voxel_size_m)
-        count = _find_along(starts, strides, looks, *self._tables, met)
-        return met[0, :count], met[1, :count]
+        lines = starts, strides, looks
+        met = np.empty((2, _find_along(*lines, *self._tables, _COUNT_ONLY)), dtype=np.int32)
+        _find_along(*lines, *self._tables, met)
+        return met[0], met[1]
 
 
 def _box(cells: IntArray) -> tuple[IntArray, IntArray]:
@@ -225,8 +227,8 @@ def _row_at(x: int, y: int, z: int, top: IntArray, leaves_of: IntArray, rows: In
 
 @inlined
 def _cell(place: float) -> int:
-    """Of a coordinate in cells of the box; what is far out stays out, and fits an integer."""
-    return int(min(max(place, -1.0), 1e9) + 1.0) - 1
+    """Of a coordinate in cells of the box; what is far out, or NaN, is out, and fits an integer."""
+    return int(min(1e9, max(-1.0, place)) + 1.0) - 1
 
 
 @compiled
@@ -285,7 +287,8 @@ def _find_along(
     rows: IntArray,
     met: IntArray,
 ) -> int:
-    """See ``CellTable.find_along``; coordinates in cells. Returns how many were met."""
+    """See ``CellTable.find_along``; coordinates in cells. Returns how many were met, and writes
+    them down where there is room."""
     count = 0
     for line in range(len(starts)):
         last = -1
@@ -299,7 +302,8 @@ def _find_along(
                 rows,
             )
             if row >= 0 and row != last:
-                met[0, count], met[1, count] = line, row
+                if met.shape[1]:
+                    met[0, count], met[1, count] = line, row
                 count += 1
             last = row
     return count
