@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 
 from skipnet.benchmark.methods import Estimate
-from skipnet.benchmark.speed import Measurement, measure, middle, peak_bytes, run_speed
+from skipnet.benchmark.speed import (
+    Measurement,
+    measure,
+    middle,
+    peak_bytes,
+    run_speed,
+    simulate_size,
+)
 from skipnet.benchmark.speed_report import exponents, summarise
 from skipnet.config import EvaluateConfig, SpeedConfig
 from skipnet.simulation.pairs import simulate_pair
@@ -19,8 +26,8 @@ from skipnet.simulation.pairs import simulate_pair
 SIZES = [2000, 4000]
 
 
-def measurement(beams, time_s, method="skipnet", **fields):
-    return Measurement("paper_room", beams, method, 0, 2 * beams, time_s, True, **fields)
+def measurement(size, time_s, method="skipnet", **fields):
+    return Measurement("paper_room", size, method, 0, 2 * size, time_s, True, **fields)
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +69,13 @@ def test_of_repeated_runs_the_middle_one_counts_and_all_must_be_right():
     assert middle([runs[0], failed, runs[2]]) == replace(failed, time_s=2.0, stages_s={"map": 2.0})
 
 
+@pytest.mark.parametrize("family", ["paper_room", "facade"])
+def test_scans_have_the_points_that_were_asked_for(family):
+    pair = simulate_size(family, 3, 60_000)
+    points = len(pair.source_m) + len(pair.target_m)
+    assert points == pytest.approx(120_000, rel=0.03)
+
+
 def test_only_a_pose_within_the_thresholds_is_right_and_an_error_is_wrong(pair):
     off = pair.T_target_source.copy()
     off[0, 3] += 2 * pair.success_translation_m
@@ -87,7 +101,7 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
     timed = []
 
     def remembered(method, pair, about):
-        timed.append((about.beams, about.seed, about.method))
+        timed.append((about.size, about.seed, about.method))
         return measure(method, pair, about)
 
     monkeypatch.setattr("skipnet.benchmark.speed.measure", remembered)
@@ -96,24 +110,24 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
         pairs=2,
         methods=["skipnet", "icp"],
         speed=SpeedConfig(
-            ["paper_room"], SIZES, most_beams={"icp": SIZES[0]}, repeats=2, memory=False
+            ["paper_room"], SIZES, most_points={"icp": SIZES[0]}, repeats=2, memory=False
         ),
         output_dir=str(tmp_path / "run"),
     )
     summary = run_speed(config, io.StringIO())
     run = tmp_path / "run"
-    assert {(row["method"], row["beams"]) for row in summary["rows"]} == {
+    assert {(row["method"], row["size"]) for row in summary["rows"]} == {
         ("skipnet", SIZES[0]),
         ("skipnet", SIZES[1]),
         ("icp", SIZES[0]),
     }
     lines = [json.loads(line) for line in (run / "measurements.jsonl").read_text().splitlines()]
     assert len(lines) == 6, "one line for each pair, method and size, however often it ran"
-    turns = [(seed, method) for beams, seed, method in timed if beams == SIZES[0]]
+    turns = [(seed, method) for size, seed, method in timed if size == SIZES[0]]
     there, back = ["skipnet", "icp"], ["icp", "skipnet"]
     assert [method for seed, method in turns if seed == 0] == there + back
     assert [method for seed, method in turns if seed == 1] == back + there
-    assert all(line["points"] > 0.5 * line["beams"] for line in lines)
+    assert all(line["points"] == pytest.approx(2 * line["size"], rel=0.1) for line in lines)
     report = (run / "report.md").read_text()
     assert "ICP directly takes" in report and "| skip-map |" in report
     for title in ("Growth", "Time as a multiple of that of skipnet"):
@@ -131,7 +145,7 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
     [
         ({"speed": SpeedConfig(["nosuch"], SIZES)}, "unknown scene family 'nosuch'"),
         ({"methods": ["skipnet", "icp_from_coarse"]}, "starts from the pose of"),
-        ({"methods": ["icp"], "speed": SpeedConfig(beams=[9], most_beams={"icp": 8})}, "above 8"),
+        ({"methods": ["icp"], "speed": SpeedConfig(points=[9], most_points={"icp": 8})}, "above 8"),
         ({"methods": ["skipnet"]}, "choose another output_dir"),
     ],
 )
@@ -144,8 +158,8 @@ def test_what_cannot_be_measured_is_refused_and_earlier_measurements_stay(tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["measurements.jsonl"]
 
 
-@pytest.mark.parametrize("beams", [[], [0, 5], [20, 10]])
-def test_sizes_must_ascend(beams):
-    with pytest.raises(ValueError, match="speed.beams"):
-        SpeedConfig(beams=beams)
-    assert np.all(np.diff(SpeedConfig().beams) > 0)
+@pytest.mark.parametrize("sizes", [[], [0, 5], [20, 10]])
+def test_sizes_must_ascend(sizes):
+    with pytest.raises(ValueError, match="speed.points"):
+        SpeedConfig(points=sizes)
+    assert np.all(np.diff(SpeedConfig().points) > 0)

@@ -1,6 +1,6 @@
 """Time and memory against the number of points: ``python evaluate.py benchmark=speed``.
 
-The same simulated scenes are scanned with more and more beams. All methods run in one process, one
+The same simulated scenes are scanned with more and more points. All methods run in one process, one
 after the other on the same scans, in an order that turns around from run to run, so that what else
 the machine does meets all of them alike. Memory is measured apart, each time in a process of
 its own: freed memory stays with a process, and a second method would find it there.
@@ -30,8 +30,9 @@ from skipnet.simulation.scenes import check_families
 from skipnet.types import FloatArray, Pair
 
 MEASUREMENTS_FILE = "measurements.jsonl"
-_WARM_UP_BEAMS = 5000
+_WARM_UP_POINTS = 5000
 """Each method registers so small a pair first: what it imports late does not count."""
+_PROBE_BEAMS = 20_000
 _BYTES_PER_RSS_UNIT = 1 if sys.platform == "darwin" else 1024
 
 
@@ -40,13 +41,13 @@ class Measurement:
     """One method on one pair."""
 
     family: str
-    beams: int
-    """Beams of each scan: the size that was asked for."""
+    size: int
+    """Points of each scan that were asked for."""
     method: str
     seed: int
     """Of the scene."""
     points: int
-    """Points of both scans together; some beams meet nothing."""
+    """Points of both scans together."""
     time_s: float
     is_right: bool
     """Whether the pose lies within the pair's success thresholds."""
@@ -100,11 +101,11 @@ def _check(config: EvaluateConfig, path: Path) -> None:
                 f"methods: {name} starts from the pose of {before}, and benchmark=speed times "
                 f"whole methods: leave it out"
             )
-    most = max(_most_beams(config, name) for name in config.methods)
-    if config.speed.beams[0] > most:
+    most = max(_most_points(config, name) for name in config.methods)
+    if config.speed.points[0] > most:
         raise ValueError(
-            f"speed.beams: the smallest of {config.speed.beams} is above {most:g}, the largest "
-            f"size in speed.most_beams of any method: choose smaller ones or more methods"
+            f"speed.points: the smallest of {config.speed.points} is above {most:g}, the largest "
+            f"size in speed.most_points of any method: choose smaller ones or more methods"
         )
     if path.exists():
         raise ValueError(f"{path} has the measurements of another run: choose another output_dir")
@@ -114,20 +115,20 @@ def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
     """Every method on every pair of every family and size, small sizes first."""
     for family in config.speed.families:
         methods = {name: make_method(*_recipe(config, name, family)) for name in config.methods}
-        small = simulate_pair(family, config.seed, points=_WARM_UP_BEAMS).pair
+        small = simulate_size(family, config.seed, _WARM_UP_POINTS)
         for name, method in methods.items():
             measure(
-                method, small, Measurement(family, _WARM_UP_BEAMS, name, config.seed, 0, 0, False)
+                method, small, Measurement(family, _WARM_UP_POINTS, name, config.seed, 0, 0, False)
             )
-        for beams in config.speed.beams:
-            names = [name for name in config.methods if beams <= _most_beams(config, name)]
+        for size in config.speed.points:
+            names = [name for name in config.methods if size <= _most_points(config, name)]
             for turn in range(config.pairs):
                 seed = config.seed + turn
-                pair = simulate_pair(family, seed, points=beams).pair
+                pair = simulate_size(family, seed, size)
                 runs: dict[str, list[Measurement]] = {name: [] for name in names}
                 for repeat in range(config.speed.repeats):
                     for name in names if (turn + repeat) % 2 == 0 else reversed(names):
-                        about = Measurement(family, beams, name, seed, 0, 0, False)
+                        about = Measurement(family, size, name, seed, 0, 0, False)
                         runs[name].append(measure(methods[name], pair, about))
                 for name in names:
                     found = middle(runs[name])
@@ -135,6 +136,16 @@ def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
                         recipe = _recipe(config, name, family)
                         found = replace(found, extra_bytes=peak_bytes(recipe, pair, small))
                     yield found
+
+
+def simulate_size(family: str, seed: int, points: int) -> Pair:
+    """Two scans of a scene with about so many points each: as many beams as that takes.
+
+    Before a facade half of all beams meet nothing. A scan of few beams tells what share returns.
+    """
+    probe = simulate_pair(family, seed, points=_PROBE_BEAMS).pair
+    returned = (len(probe.source_m) + len(probe.target_m)) / 2
+    return simulate_pair(family, seed, points=round(points * _PROBE_BEAMS / returned)).pair
 
 
 def middle(runs: Sequence[Measurement]) -> Measurement:
@@ -242,11 +253,11 @@ def _recipe(config: EvaluateConfig, name: str, family: str) -> tuple[str, Mappin
     return variant.adapter, options
 
 
-def _most_beams(config: EvaluateConfig, name: str) -> float:
-    return config.speed.most_beams.get(name, np.inf)
+def _most_points(config: EvaluateConfig, name: str) -> float:
+    return config.speed.most_points.get(name, np.inf)
 
 
 def _line(found: Measurement) -> str:
     outcome = found.error or ("right" if found.is_right else "wrong")
-    size = f"{found.family} {found.beams:,} beams, scene {found.seed}"
+    size = f"{found.family} {found.size:,} points, scene {found.seed}"
     return f"{size} | {found.method}: {found.time_s:.3f} s, {outcome}"

@@ -65,8 +65,8 @@ def write_speed_report(
     _write_scores(summary["rows"], folder / "scores.csv")
     with open_dashboard(folder / "tensorboard") as writer:
         for row in summary["rows"]:
-            tag = f"time_s against beams, {row['family']}/{row['method']}"
-            log_scalars(writer, {tag: row["time_s"]}, row["beams"])
+            tag = f"time_s against points per scan, {row['family']}/{row['method']}"
+            log_scalars(writer, {tag: row["time_s"]}, row["size"])
         log_png(writer, "figures/times", pictures["times"])
     return summary
 
@@ -83,14 +83,14 @@ def _write_scores(rows: Sequence[dict[str, Any]], path: Path) -> None:
 def summarise(measured: Sequence[Measurement]) -> list[dict[str, Any]]:
     """One entry per family, size and method: medians over the pairs, successes among them."""
     rows = []
-    for family, beams, method in dict.fromkeys((m.family, m.beams, m.method) for m in measured):
-        same = [m for m in measured if (m.family, m.beams, m.method) == (family, beams, method)]
+    for family, size, method in dict.fromkeys((m.family, m.size, m.method) for m in measured):
+        same = [m for m in measured if (m.family, m.size, m.method) == (family, size, method)]
         extra = [m.extra_bytes for m in same if m.extra_bytes is not None]
         stages = dict.fromkeys(stage for m in same for stage in m.stages_s)
         rows.append(
             {
                 "family": family,
-                "beams": beams,
+                "size": size,
                 "method": method,
                 "pairs": len(same),
                 "successes": sum(m.is_right for m in same),
@@ -132,10 +132,10 @@ def _about(config: EvaluateConfig) -> dict[str, str]:
     return {
         "benchmark": config.benchmark,
         "methods": ", ".join(config.methods),
-        "scans": f"{', '.join(config.speed.families)}; beams {_listed(config.speed.beams)}",
+        "scans": f"{', '.join(config.speed.families)}; {_listed(config.speed.points)} points each",
         "pairs": f"{config.pairs} of each size, scenes from seed {config.seed}; of each the middle "
         f"one of {config.speed.repeats} runs",
-        "limits": ", ".join(f"{m}: {b:,} beams" for m, b in config.speed.most_beams.items())
+        "limits": ", ".join(f"{m}: {n:,} points" for m, n in config.speed.most_points.items())
         or "none",
     }
 
@@ -147,13 +147,13 @@ def _ratios(
     rows, first = summarise(measured), config.methods[0]
     sentences = []
     for family in config.speed.families:
-        of = {(r["method"], r["beams"]): r for r in rows if r["family"] == family}
+        of = {(r["method"], r["size"]): r for r in rows if r["family"] == family}
         for name in config.methods[1:]:
-            both = [b for b in config.speed.beams if (first, b) in of and (name, b) in of]
+            both = [b for b in config.speed.points if (first, b) in of and (name, b) in of]
             if both:
                 ours, theirs = of[first, both[-1]], of[name, both[-1]]
                 times = number(theirs["time_s"] / ours["time_s"])
-                size = f"{both[-1]:,} beams, {family}"
+                size = f"{both[-1]:,} points, {family}"
                 sentences.append(f"{size}: {labels[name]} takes {times} times as long as {first}.")
     return sentences
 
@@ -163,18 +163,18 @@ def _times_table(family: str, seen: Sequence[Measurement], labels: dict[str, str
         """Time and successes of one method at one size."""
         return f"{number(row['time_s'])} ({row['successes']}/{row['pairs']})"
 
-    note = "Median seconds, and how many poses are right. – : above the method's limit of beams."
+    note = "Median seconds, and how many poses are right. – : above the method's limit of points."
     return _by_size(f"Time, {family}", seen, labels, cell, note)
 
 
 def _ratio_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
     """How many times as long as the first method the others take."""
     first = next(iter(labels))
-    own_s = {row["beams"]: row["time_s"] for row in summarise(seen) if row["method"] == first}
+    own_s = {row["size"]: row["time_s"] for row in summarise(seen) if row["method"] == first}
 
     def cell(row: dict[str, Any]) -> str:
         """Ratio of the medians of one method and of the first at one size."""
-        return number(row["time_s"] / own_s[row["beams"]]) if row["beams"] in own_s else NOTHING
+        return number(row["time_s"] / own_s[row["size"]]) if row["size"] in own_s else NOTHING
 
     title = f"Time as a multiple of that of {labels[first]}, {family}"
     return _by_size(title, seen, labels, cell, "")
@@ -211,13 +211,13 @@ def _by_size(
     note: str,
 ) -> Table:
     """A line per method, a column per size."""
-    of = {(row["method"], row["beams"]): cell(row) for row in summarise(seen)}
-    sizes = sorted({beams for _, beams in of})
+    of = {(row["method"], row["size"]): cell(row) for row in summarise(seen)}
+    sizes = sorted({size for _, size in of})
     lines = tuple(
-        (label, *(of.get((name, beams), NOTHING) for beams in sizes))
+        (label, *(of.get((name, size), NOTHING) for size in sizes))
         for name, label in labels.items()
     )
-    return Table(title, ("beams per scan", *(f"{beams:,}" for beams in sizes)), lines, note)
+    return Table(title, ("points per scan", *(f"{size:,}" for size in sizes)), lines, note)
 
 
 def _stages_table(family: str, seen: Sequence[Measurement]) -> Table:
@@ -227,7 +227,7 @@ def _stages_table(family: str, seen: Sequence[Measurement]) -> Table:
     lines = tuple(
         (stage, *(number(row["stages_s"].get(stage, 0.0)) for row in rows)) for stage in stages
     )
-    headers = ("stage (s)", *(f"{row['beams']:,}" for row in rows))
+    headers = ("stage (s)", *(f"{row['size']:,}" for row in rows))
     return Table(f"Stages of {seen[0].method}, {family}", headers, lines)
 
 

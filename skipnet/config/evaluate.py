@@ -112,11 +112,11 @@ class SpeedConfig:
 
     families: list[str] = field(default_factory=lambda: ["paper_room", "facade"])
     """Simulated families of scenes."""
-    beams: list[int] = field(
+    points: list[int] = field(
         default_factory=lambda: [50_000, 200_000, 1_300_000, 5_000_000, 10_000_000]
     )
-    """Beams per scan of each size, ascending."""
-    most_beams: dict[str, int] = field(default_factory=dict)
+    """Points per scan of each size, ascending; a scan has them within some per cent."""
+    most_points: dict[str, int] = field(default_factory=dict)
     """Method to the largest size at which it runs; the others run at all."""
     voxels_m: dict[str, dict[str, float]] = field(default_factory=dict)
     """Family to each method's ``voxel_size_m`` there; the others choose their own."""
@@ -127,9 +127,9 @@ class SpeedConfig:
 
     def __post_init__(self) -> None:
         require(bool(self.families), "speed.families", self.families, "at least one family")
-        beams = self.beams
-        ascending = bool(beams) and min(beams) > 0 and sorted(beams) == list(beams)
-        require(ascending, "speed.beams", beams, "whole numbers above 0, ascending")
+        sizes = self.points
+        ascending = bool(sizes) and min(sizes) > 0 and sorted(sizes) == list(sizes)
+        require(ascending, "speed.points", sizes, "whole numbers above 0, ascending")
         require(self.repeats > 0, "speed.repeats", self.repeats, "1 or more")
 
 
