@@ -23,7 +23,7 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         name: what to call it in the errors, such as "source".
 
     Returns:
-        (N, 3) points, float32 if they came so, else float64; no copy of what is a float array.
+        (N, 3) points in one piece, float32 if they came so, else float64; no copy of what is so.
 
     Raises:
         ValueError: wrong shape or kind, NaN or infinity, fewer points than a plane needs,
@@ -36,6 +36,7 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         )
     if array.dtype not in (np.float32, np.float64):
         array = array.astype(np.float64)
+    array = np.ascontiguousarray(array)  # else all loops would be compiled once more for it
     if not _all_finite(array):
         finite = np.isfinite(array).all(axis=1)
         raise ValueError(

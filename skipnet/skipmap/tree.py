@@ -3,8 +3,8 @@
 SkiMap (De Gregorio & Di Stefano, arXiv 1704.05832) keeps a tree of skip lists, X list -> Y list ->
 Z list -> voxel. Here each list is a run of one sorted array of packed cells: a key's upper bits
 name its X slice, the middle ones its Y column, the lower ones its place in the Z list. Descending
-the tree is a binary search in a run; integrating a scan is one sort of voxels and one sum. Trees
-are values: every operation returns a new one.
+the tree is a binary search in a run; integrating a scan is one pass through a hash table, one sort
+of voxels and one sum. Trees are values: every operation returns a new one.
 """
 
 from __future__ import annotations
@@ -15,16 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skipnet.geometry import bounds, make_transform, transform_points
-from skipnet.skipmap.cells import (
-    CELL_MAX,
-    CELL_MIN,
-    cells_of,
-    group_by_cell,
-    halve,
-    pack,
-    unpack,
-)
-from skipnet.skipmap.grouping import group_keys
+from skipnet.skipmap.cells import cells_of, group_by_cell, halve, pack, unpack
+from skipnet.skipmap.grouping import CELL_MAX, CELL_MIN, group_keys
 from skipnet.skipmap.moments import Moments, add_up, sum_groups
 from skipnet.types import BoolArray, FloatArray, IntArray
 
