@@ -64,6 +64,10 @@ def test_validate_returns_floats_of_array_likes_and_copies_none_that_are():
     for kind in (np.float32, np.float64):
         floats = np.random.default_rng(0).normal(size=(10, 3)).astype(kind)
         assert validate(floats, "source") is floats
+        for view in (np.hstack([floats, floats])[:, :3], np.asfortranarray(floats)):
+            whole = validate(view, "source")
+            assert whole.flags.c_contiguous and whole.dtype == kind
+            np.testing.assert_array_equal(whole, floats)
 
 
 @pytest.mark.parametrize(

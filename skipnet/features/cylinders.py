@@ -88,9 +88,13 @@ def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: Leve
     kind = 1.9999 * outer_products(frames[:, :, 0])
     around = np.concatenate([level.moments.mean, level.alignment], axis=1)[order]
     slices = _count(
-        *(part.astype(np.float32) for part in (middle, turned, kind)),
+        middle.astype(np.float32),
+        turned.astype(np.float32),
+        kind.astype(np.float32),
         np.ascontiguousarray(around.T, dtype=np.float32),
-        *(first, last, _BIN_OF_PLACE),
+        first,
+        last,
+        _BIN_OF_PLACE,
     )
     inside = slices[:, :_BINS].reshape(len(rows), _SLICES, -1).astype(np.float32)
     return np.log(1 + _SLICES_TO_SECTORS @ inside)
