@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from skipnet.compiled import compiled
 from skipnet.types import FloatArray
@@ -39,6 +40,18 @@ def transform_points(T_a_b: FloatArray, points_b_m: FloatArray) -> FloatArray:
     """
     rotation = T_a_b[..., :3, :3]
     return points_b_m @ np.swapaxes(rotation, -1, -2) + T_a_b[..., None, :3, 3]
+
+
+def as_floats(points_m: npt.ArrayLike) -> FloatArray:
+    """(N, 3) points in one piece, float32 if they came so, else float64; no copy of what is so.
+
+    The compiled loops take no other kinds, and are compiled once more for every other layout.
+
+    >>> as_floats([[1, 2, 3]])
+    array([[1., 2., 3.]])
+    """
+    array = np.asarray(points_m)
+    return np.ascontiguousarray(array, np.float32 if array.dtype == np.float32 else np.float64)
 
 
 @compiled

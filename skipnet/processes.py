@@ -25,27 +25,35 @@ _Result = TypeVar("_Result")
 def side_by_side(function: Callable[..., _Result], *columns: Iterable[Any]) -> list[_Result]:
     """``list(map(function, *columns))``, with the calls spread over this thread and others.
 
-    For few long calls that mostly leave Python's lock alone. This thread takes the first one: were
-    it to wait, the system might well put two others on the processor that it has just left.
+    For few long calls that mostly leave Python's lock alone. This thread makes calls too: were it
+    to wait, the system might well put two others on the processor that it has just left.
+
+    Raises:
+        Exception: that of the first call, in their order, that failed; none begins after that.
     """
     calls = list(zip(*columns, strict=True))
-    results: list[_Result] = [None] * len(calls)  # type: ignore[list-item]
+    results: dict[int, _Result] = {}
+    errors: dict[int, Exception] = {}
     numbers = iter(range(len(calls)))
 
     def work() -> None:
         for number in numbers:
-            results[number] = function(*calls[number])
+            try:
+                results[number] = function(*calls[number])
+            except Exception as error:
+                errors[number] = error
+            if errors:
+                break
 
     helpers = min(processors(), len(calls)) - 1
     others = [_helpers().submit(work) for _ in range(helpers)]
-    try:
-        work()
-    finally:
-        # Whoever has not begun by now, because all helpers are busy, is not needed any more.
-        begun = [other for other in others if not other.cancel()]
-        for other in begun:
+    work()
+    for other in others:
+        if not other.cancel():  # else it has not begun, because all helpers are busy
             other.result()
-    return results
+    if errors:
+        raise errors[min(errors)]
+    return [results[number] for number in range(len(calls))]
 
 
 def processors() -> int:
@@ -59,6 +67,10 @@ def processors() -> int:
 def _helpers() -> ThreadPoolExecutor:
     """Threads that stay, because to start one takes as long as a short call."""
     return ThreadPoolExecutor(processors(), thread_name_prefix="skipnet")
+
+
+if hasattr(os, "register_at_fork"):  # a forked child has none of them
+    os.register_at_fork(after_in_child=_helpers.cache_clear)
 
 
 def keep_freed_memory() -> None:

@@ -27,9 +27,6 @@ def wavy_cells():
 def test_cells_lead_to_what_a_dict_has(extent):
     rng = np.random.default_rng(1)
     cells = np.unique(rng.integers(-extent, extent, size=(3000, 3), endpoint=True), axis=0)
-    if extent > 1000:
-        cells[:, 1:] //= 1000  # far along one axis alone, as outliers are
-        cells = np.unique(cells, axis=0)
     stored = rng.permutation(cells)[: 1 + len(cells) // 2]
     row_of = {tuple(cell): row for row, cell in enumerate(stored)}
     asked = np.concatenate([cells, cells + [1, 0, -1], cells * 3 + 40_000])
@@ -96,22 +93,25 @@ def test_lines_meet_the_voxels_on_their_way():
     assert list(zip(lines.tolist(), rows.tolist(), strict=True)) == expected
 
 
-def test_what_is_too_far_for_any_table_is_left_out_and_the_middle_stays(monkeypatch):
-    monkeypatch.setattr(cell_table, "_MOST_BLOCKS", 8000)
+@pytest.mark.parametrize("places", [1, 64, 1 << 20])
+@pytest.mark.parametrize("with_neighbours", [False, True])
+def test_no_voxel_is_lost_however_far_they_spread(places, with_neighbours, monkeypatch):
+    monkeypatch.setattr(cell_table, "_MOST_PLACES", places)  # the fewer, the more share them
     rng = np.random.default_rng(4)
-    middle = np.unique(rng.integers(-60, 60, size=(5000, 3)), axis=0)
-    far = np.unique(rng.integers(-(1 << 20), 1 << 20, size=(40, 3)), axis=0)
-    cells = np.concatenate([far, middle])
-    for with_neighbours in (False, True):
-        table = CellTable(cells, SIZE_M, ORIGIN_M, with_neighbours)
-        np.testing.assert_array_equal(table.find(middle), len(far) + np.arange(len(middle)))
-        assert (table.find(far) == -1).all()
-        ends = np.array([[1, 1, 1], [-1, 0, 0]]) * ((1 << 20) + 1)
-        assert (table.find(ends) == -1).all()
+    middles = [(0, 0, 0), (20_000, -15_000, 9000), (-(1 << 20) + 9, (1 << 20) - 9, 8)]
+    cells = [middle + rng.integers(-8, 8, size=(400, 3)) for middle in middles]
+    cells.append(rng.integers(-(1 << 20), 1 << 20, size=(3000, 3)))
+    cells = np.unique(np.concatenate(cells), axis=0)
+    table = CellTable(cells, SIZE_M, ORIGIN_M, with_neighbours)
+    np.testing.assert_array_equal(table.find(cells), np.arange(len(cells)))
+    far = np.array([[1, 1, 1], [-1, 0, 0], [0, 1 << 40, 0], [0, 0, -(1 << 60)]]) * ((1 << 20) + 1)
+    assert (table.find(far) == -1).all()
 
 
 def test_far_points_nan_and_empty_tables_find_nothing():
-    far_m = np.array([[1e6, 0, 0], [0, -1e6, 0], [1e30, 1e30, -1e30], [0, 0, np.inf]])
+    far_m = np.array(
+        [[1e6, 0, 0], [0, -1e6, 0], [1e30, 1e30, -1e30], [0, 0, np.inf], [0, np.nan, 0]]
+    )
     empty = CellTable(np.zeros((0, 3), dtype=np.int64), SIZE_M, ORIGIN_M)
     for table in (CellTable(wavy_cells(), SIZE_M, ORIGIN_M, with_neighbours=True), empty):
         assert (table.find_moved(np.eye(4)[None], far_m) == -1).all()

@@ -14,22 +14,28 @@ ROOT = Path(__file__).parents[1] / "skipnet"
 DECORATORS = {"compiled", "inlined"}
 
 
+def names_in(*nodes: ast.AST) -> set[str]:
+    return {part.id for node in nodes for part in ast.walk(node) if isinstance(part, ast.Name)}
+
+
 def foreign_names(source: str) -> set[str]:
     """Names imported from skipnet that a compiled function of a module uses."""
     tree = ast.parse(source)
-    imported = {
+    imported = {"skipnet"} | {
         alias.asname or alias.name
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("skipnet")
         for alias in node.names
     }
+    for node in tree.body:  # what is computed from it is foreign too
+        if isinstance(node, ast.Assign) and names_in(node.value) & imported:
+            imported |= names_in(*node.targets)
     used = set()
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef) and any(
             isinstance(by, ast.Name) and by.id in DECORATORS for by in function.decorator_list
         ):
-            for statement in function.body:
-                used |= {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
+            used |= names_in(*function.body)
     return imported & used
 
 
@@ -56,6 +62,11 @@ def test_a_name_from_another_file_would_be_noticed():
         "@compiled\ndef f(x: p) -> int:\n    return g(x)\n@compiled\ndef g(x):\n    return p(x)\n"
     )
     assert foreign_names(source) == {"p"}
+    source = (
+        "import skipnet.geometry\nfrom skipnet.skipmap.cells import BITS\nTWICE = 2 * BITS\n"
+        "OWN = 3\n@inlined\ndef f(x):\n    return x + TWICE + OWN + skipnet.geometry._SAMPLE\n"
+    )
+    assert foreign_names(source) == {"TWICE", "skipnet"}
 
 
 SCRIPT = """

@@ -281,6 +281,8 @@ def test_bad_clouds_raise_what_was_given_and_what_is_expected(source, target, wo
         ("voxel_size_m", 0.0, "voxel_size_m"),
         ("voxel_size_m", -0.1, "voxel_size_m"),
         ("voxel_size_m", float("nan"), "voxel_size_m"),
+        ("voxel_size_m", float("inf"), "expected a positive length"),
+        ("voxel_size_m", "a", "expected a positive length"),
         ("voxel_size_m", 1e-9, "larger voxel_size_m"),
         ("source_viewpoint", "origin", "source_viewpoint"),
         ("source_viewpoint", [1.0, 2.0], "source_viewpoint"),
@@ -290,3 +292,16 @@ def test_bad_clouds_raise_what_was_given_and_what_is_expected(source, target, wo
 def test_bad_options_name_the_option(option, value, words):
     with pytest.raises(ValueError, match=words):
         skipnet.register(GOOD, GOOD, **{option: value})
+
+
+def test_other_places_that_both_scans_saw_a_kilometre_away_do_not_matter():
+    pair = simulate_pair("paper_room", 1, points=30_000).pair
+    rng, T = np.random.default_rng(0), pair.T_target_source
+    middles_m = 1000 * np.array([[1, 0.2, 0.1], [-0.5, 1, 0.2], [0.3, -1, 0.5]])
+    far_m = np.concatenate([middle_m + rng.normal(size=(700, 3)) for middle_m in middles_m])
+    source_m = np.concatenate([pair.source_m, far_m])
+    target_m = np.concatenate([pair.target_m, transform_points(T, far_m)])
+    result = skipnet.register(source_m, target_m)
+    assert result.status == "registered"
+    rotation_rad, translation_m = pose_error(result.T_target_source, T)
+    assert rotation_rad < np.deg2rad(0.5) and translation_m < 0.03

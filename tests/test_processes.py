@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier, Event, Thread
 
@@ -155,6 +157,11 @@ def test_an_error_side_by_side_is_raised(wrong):
 
     with pytest.raises(ValueError, match=f"call {wrong}"):
         processes.side_by_side(call, range(8))
+    all_wrong = [wrong] * 6
+    with pytest.raises(ValueError, match="first"):
+        processes.side_by_side(
+            lambda place, number: call(number) if place else int("first"), range(6), all_wrong
+        )
     assert processes.side_by_side(call, range(8, 12)) == [8, 9, 10, 11]
 
 
@@ -162,3 +169,21 @@ def test_two_long_calls_side_by_side_run_at_the_same_time(monkeypatch):
     monkeypatch.setattr(processes, "processors", lambda: 2)
     here = Barrier(2)
     assert processes.side_by_side(lambda _: here.wait(timeout=20) >= 0, range(2)) == [True, True]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_forked_child_gets_helpers_of_its_own():
+    script = """
+import os
+from threading import Barrier
+from skipnet import processes
+processes.processors = lambda: 2
+print(processes.side_by_side(abs, range(4)), flush=True)
+if os.fork() == 0:
+    here = Barrier(2)  # only two threads get past it
+    print(processes.side_by_side(lambda _: here.wait(timeout=20) >= 0, range(2)), flush=True)
+    os._exit(0)
+os.wait()
+"""
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.split("\n") == ["[0, 1, 2, 3]", "[True, True]", ""]

@@ -69,3 +69,11 @@ def test_a_few_far_outliers_hardly_matter():
 @pytest.mark.parametrize("count", [3, 4, 10])
 def test_the_smallest_clouds_get_a_positive_size(count):
     assert choose_voxel_size(np.random.default_rng(5).normal(size=(count, 3))) > 0
+
+
+@pytest.mark.parametrize("count", [7, 500])
+def test_strays_on_both_sides_far_out_leave_a_size(count):
+    points_m = np.random.default_rng(0).normal(size=(count, 3))
+    strays_m = np.array([[1e5, 0, 0], [-1e5, 0, 0], [0, 0, 4e5], [0, -7e5, 0]])
+    size_m = choose_voxel_size(np.concatenate([points_m, strays_m]))
+    assert 0.05 < size_m < 2e6

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import make_transform, random_rotation, transform_points
-from skipnet.skipmap.cells import cells_of, group_by_cell, halve, occupied_cells, pack, unpack
+from skipnet.skipmap.cells import (
+    cells_of,
+    group_by_cell,
+    halve,
+    halve_steps,
+    occupied_cells,
+    pack,
+    unpack,
+)
 from skipnet.skipmap.grouping import CELL_MAX, CELL_MIN, group_keys
 
 
@@ -80,9 +88,21 @@ def test_keys_are_grouped_as_numpys_unique_groups_them(extent, room, monkeypatch
 
 
 @pytest.mark.parametrize("far_m", [1e9, -1e9, np.nan])
-def test_points_too_far_to_be_grouped_are_refused(far_m):
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_points_too_far_to_be_grouped_are_refused(far_m, axis):
     points_m = np.zeros((10, 3))
-    points_m[4, 1] = far_m
+    points_m[4, axis] = far_m
     for group in (group_by_cell, occupied_cells):
         with pytest.raises(ValueError, match="choose a larger voxel_size_m"):
             group(points_m, 0.1, np.eye(4))
+
+
+def test_steps_from_the_lowest_cell_halve_to_nothing_from_end_to_end():
+    ends = np.array([CELL_MIN, CELL_MIN + 1, -1, 0, CELL_MAX])
+    cells = np.stack(np.meshgrid(ends, ends, ends), axis=-1).reshape(-1, 3)
+    steps = pack(cells) - pack(cells.min(axis=0))
+    for doublings in range(22):
+        expected = len(np.unique((cells - CELL_MIN) >> doublings, axis=0))
+        assert len(np.unique(steps)) == expected
+        steps = halve_steps(steps)
+    assert expected == 1

@@ -38,6 +38,14 @@ def test_centroids_are_those_of_the_finest_voxels_few_enough(points_m, chunks, m
     np.testing.assert_array_equal(thinned.moments.count, expected.moments.count)
 
 
+def test_any_kind_of_numbers_is_thinned(points_m):
+    expected = thin_chunks([points_m.astype(np.float32)], "scan")
+    for kind, order in ((">f4", "C"), ("<f4", "F"), (">f4", "F")):
+        given = thin_chunks([points_m.astype(np.float32).astype(kind, order=order)], "scan")
+        np.testing.assert_array_equal(given.keys, expected.keys)
+        np.testing.assert_allclose(given.moments.sums, expected.moments.sums)
+
+
 def test_scans_too_wide_for_the_finest_voxels_get_coarser_ones(points_m):
     far_m = np.array([[9e6, 5e6, 0.0], [-9e6, 4e6, 0.0]])
     thinned = thin_chunks([points_m, far_m], "scan", 1000, FINEST_M)

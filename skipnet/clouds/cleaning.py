@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skipnet.geometry import central_moments
+from skipnet.compiled import compiled
+from skipnet.geometry import as_floats, central_moments
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 # Points on a line leave the rotation about it free; their spread across it is rounding alone.
 _RELATIVE_SPREAD_OF_A_LINE = 1e-6
 _SORTING_CELLS_PER_AXIS = 128
 _SAMPLE = 1000
-_POINTS_AT_ONCE = 1 << 18
+_LARGEST_M = 1e30
+"""Of a coordinate, in whatever unit: cubes of larger ones, added up, have no numbers."""
 
 
 def validate(points: npt.ArrayLike, name: str) -> FloatArray:
@@ -34,11 +36,14 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
         raise ValueError(
             f"{name}: got {array.dtype} of shape {array.shape}: expected numbers of shape (N, 3)"
         )
-    if array.dtype not in (np.float32, np.float64):
-        array = array.astype(np.float64)
-    array = np.ascontiguousarray(array)  # else all loops would be compiled once more for it
-    if not _all_finite(array):
+    array = as_floats(array)
+    if not _all_usable(array):
         finite = np.isfinite(array).all(axis=1)
+        if finite.all():
+            raise ValueError(
+                f"{name}: got coordinates up to {np.abs(array).max():.3g}: expected metres, below "
+                f"{_LARGEST_M:g}"
+            )
         raise ValueError(
             f"{name}: {np.count_nonzero(~finite)} of {len(array)} points hold NaN or infinity: "
             f"drop them, for example by points[np.isfinite(points).all(axis=1)]"
@@ -53,9 +58,14 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
     return array
 
 
-def _all_finite(array: FloatArray) -> bool:
-    starts = range(0, len(array), _POINTS_AT_ONCE)
-    return all(bool(np.isfinite(array[start : start + _POINTS_AT_ONCE]).all()) for start in starts)
+@compiled
+def _all_usable(array: FloatArray) -> bool:
+    """Whether no coordinate is NaN, infinite, or so large that its cube cannot be computed with."""
+    usable = True
+    for i in range(len(array)):
+        for axis in range(3):
+            usable &= abs(array[i, axis]) < _LARGEST_M
+    return usable
 
 
 def _spans_surface(points_m: FloatArray) -> bool:

@@ -129,7 +129,7 @@ def _count(
     """
     counts = np.zeros((len(middle), _BINS + 1), dtype=np.int32)
     places = np.empty(around.shape[1], dtype=np.int32)
-    side = np.int32(_PLACES)
+    side, most_kind = np.int32(_PLACES), np.float32(KINDS - 1)
     least, most, half = np.float32(0), np.float32(_GRID + 1), np.float32(_GRID / 2 + 1)
     for k in range(len(middle)):
         x_k, y_k, z_k = middle[k, 0], middle[k, 1], middle[k, 2]
@@ -153,7 +153,7 @@ def _count(
                 # Twice the mean squared cosine between the surface and the voxel's own.
                 kind = xx[w] * k_xx + xy[w] * k_xy + xz[w] * k_xz
                 kind += yy[w] * k_yy + yz[w] * k_yz + zz[w] * k_zz
-                places[w] += np.int32(kind) * (side * side * side)
+                places[w] += np.int32(min(most_kind, max(least, kind))) * (side * side * side)
             for w in range(len(x_s)):
                 counts[k, bin_of_place[places[w]]] += 1
     return counts

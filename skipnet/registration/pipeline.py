@@ -20,7 +20,7 @@ from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import Verdict
 from skipnet.registration.verification import shortlist
-from skipnet.skipmap.tree import Cloud, SkipTree, points_of
+from skipnet.skipmap.tree import Cloud, SkipTree, check_voxel_size, points_of
 from skipnet.types import Registration
 
 CLEAR_CONFIDENCE = 0.95
@@ -64,6 +64,8 @@ def register(
         clouds = checked(source, "source"), checked(target, "target")
         check_viewpoint(source_viewpoint, "source_viewpoint")
         check_viewpoint(target_viewpoint, "target_viewpoint")
+        if voxel_size_m is not None:
+            check_voxel_size(voxel_size_m)
     with clock("denoise"):
         source_m, target_m = (clean(cloud_m, config) for cloud_m in clouds)
     with clock("skip-map"):

@@ -17,6 +17,8 @@ from skipnet.registration.hypotheses import (
 from skipnet.registration.plane_rotations import oblique_pairs, plane_rotations
 from skipnet.types import FloatArray
 
+MOST_STEPS = 4096
+"""On a slide: scans are some hundreds of voxels wide, but for stray points very far away."""
 MIN_ALIGNED = 0.7
 """Right rotations align this share of the area that the best one does, and more, where scans share
 much (0.84 in simulated rooms and doorways). Elsewhere ``from_slides`` tries the other rotations.
@@ -154,10 +156,12 @@ def _lines_of_translation(
 def _walk(
     slide: _Slide, source_m: FloatArray, target_m: FloatArray, voxel_size_m: float
 ) -> Hypotheses:
-    """Poses a voxel apart on a slide, as far as the scans can still meet."""
+    """Poses a voxel apart on a slide, as far as the scans can still meet, up to ``MOST_STEPS``."""
     moved_m = source_m @ (slide.rotation.T @ slide.direction)
     along_m = target_m @ slide.direction
     first_m, last_m = along_m.min() - moved_m.max(), along_m.max() - moved_m.min()
+    middle_m, half_m = np.median(along_m) - np.median(moved_m), MOST_STEPS / 2 * voxel_size_m
+    first_m, last_m = max(first_m, middle_m - half_m), min(last_m, middle_m + half_m)
     steps_m = np.arange(first_m, last_m, voxel_size_m) - slide.start_m @ slide.direction
     translations_m = slide.start_m + steps_m[:, None] * slide.direction
     rotations = np.broadcast_to(slide.rotation, (len(steps_m), 3, 3))

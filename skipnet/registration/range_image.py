@@ -99,8 +99,8 @@ def octahedral_bin(x: float, y: float, z: float, bins: int) -> tuple[int, int]:
     u, v = x * scale, y * scale
     folded_u, folded_v = math.copysign(1 - abs(v), u), math.copysign(1 - abs(u), v)
     u, v, half = (folded_u if z < 0 else u), (folded_v if z < 0 else v), 0.5 * bins
-    line, column = int((v + 1) * half), int((u + 1) * half)
-    return min(max(line, 0), bins - 1), min(max(column, 0), bins - 1)
+    line = int(min(bins - 1.0, max(0.0, (v + 1) * half)))
+    return line, int(min(bins - 1.0, max(0.0, (u + 1) * half)))
 
 
 @compiled

@@ -23,8 +23,6 @@ MIN_MATCHES = 50
 MODEL_ERROR_VOXELS = 0.002
 """How far a real surface departs from its voxel's plane at best, so that dense voxels do not
 decide all."""
-
-
 _MEDIAN_SAMPLES = 4096
 """So many residuals tell their typical size to one or two per cent."""
 _FREE = 1e-9

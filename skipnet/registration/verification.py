@@ -22,6 +22,8 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 
 _SOON_JUDGED = 1 << 13
 """Voxels, over all candidates, that are judged before another thread has begun."""
+_AT_ONCE = 1 << 20
+"""Voxels, over all candidates, judged in one go: some megabytes."""
 HOPELESS = 0.1
 """A candidate that scores less than this share of the best one's will not overtake it: right poses
 score a third of it and more, before any refinement, in doorways and on streets too."""
@@ -242,6 +244,18 @@ def _one_way(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
 ) -> FloatArray:
     """(2, C) weighted shares of a's voxels that match b, and that violate b's free space."""
+    at_once = max(1, _AT_ONCE // max(1, samples))
+    pieces = [
+        _few_one_way(T_b_a[start : start + at_once], a, b, samples, strictness)
+        for start in range(0, len(T_b_a), at_once)
+    ]
+    return np.concatenate([np.zeros((2, 0), dtype=np.float32), *pieces], axis=1)
+
+
+def _few_one_way(
+    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
+) -> FloatArray:
+    """``_one_way``, whatever memory it takes."""
     row = b.near.find_moved(T_b_a, a.points_m, samples)
     weights = a.weights[: row.shape[1]] / a.weights[: row.shape[1]].sum()
     match = _match(

@@ -67,7 +67,20 @@ def halve(keys: IntArray) -> IntArray:
     >>> unpack(halve(pack(np.array([[5, -1, -4]]))))
     array([[ 2, -1, -2]])
     """
-    return ((keys >> 1) & _LOW_BITS) + _HALF_OFFSETS
+    return halve_steps(keys) + _HALF_OFFSETS
+
+
+def halve_steps(keys: IntArray) -> IntArray:
+    """Likewise of (V,) steps up from a lowest cell: keys from which that cell's was subtracted.
+
+    Halved often enough, all become 0; as keys, those on both sides of the origin never meet.
+
+    >>> halve_steps(pack(np.array([5, 7, -4])) - pack(np.array([0, 0, -8]))) == (
+    ...     pack(np.array([2, 3, 2])) - pack(np.zeros(3, int))
+    ... )
+    np.True_
+    """
+    return (keys >> 1) & _LOW_BITS
 
 
 def group_by_cell(

@@ -1,9 +1,8 @@
 """Eigenvalues and eigenvectors of many symmetric 3x3 matrices at once, in closed form.
 
-Many times faster than LAPACK, and as accurate: the
-trigonometric root alone loses half the digits where two eigenvalues meet, so only the eigenvalue
-farthest from the others is taken from it; the other two come from the 2x2 problem across its
-eigenvector.
+Many times faster than LAPACK, and as accurate: the trigonometric root alone loses half the digits
+where two eigenvalues meet, so only the eigenvalue farthest from the others is taken from it; the
+other two come from the 2x2 problem across its eigenvector.
 Sources: O. K. Smith, Commun. ACM 4 (1961), for the root; D. Eberly, "A Robust Eigensolver for 3x3
 Symmetric Matrices" (2014), for the way to the vectors; Duff et al., JCGT 6 (2017), for the basis.
 """
@@ -20,6 +19,8 @@ from skipnet.types import FloatArray
 _BLOCK = 256
 """Matrices solved side by side, entry by entry: the compiler then takes several at a time, as long
 as nothing branches, hence the conditional expressions below; six times as fast as one by one."""
+_SMALLEST = 1e-300
+"""Largest entry of a matrix that counts as 0."""
 _Vector = tuple[float, float, float]
 _Matrix = tuple[float, float, float, float, float, float]
 """Entries xx, xy, xz, yy, yz, zz of a symmetric matrix."""
@@ -60,7 +61,7 @@ def _solve_block(entries: FloatArray, solved: FloatArray) -> None:
         xx, xy, xz = entries[k], entries[_BLOCK + k], entries[2 * _BLOCK + k]
         yy, yz, zz = entries[3 * _BLOCK + k], entries[4 * _BLOCK + k], entries[5 * _BLOCK + k]
         scale = max(max(abs(xx), abs(xy)), max(abs(xz), abs(yy)), max(abs(yz), abs(zz)))
-        unit = 1.0 / scale if scale > 0 else 1.0
+        unit = 1.0 / scale if scale > _SMALLEST else 0.0
         matrix = (xx * unit, xy * unit, xz * unit, yy * unit, yz * unit, zz * unit)
         root, is_largest = _isolated_eigenvalue(matrix)
         alone = _eigenvector(matrix, root)

@@ -13,12 +13,12 @@ CELL_OFFSET = 1 << (BITS - 1)
 """Added to each index before it is packed."""
 CELL_MIN, CELL_MAX = -CELL_OFFSET, CELL_OFFSET - 1
 """The smallest and the largest index that a packed cell can hold."""
+NO_ROWS = np.empty(0, dtype=np.int32)
+"""For whoever does not ask which group each one is in."""
 
 _EMPTY = -1
 _MOST_BITS_AT_FIRST = 16
 """Scans of any size have some tens of thousands of voxels: room for so many is made at once."""
-NO_ROWS = np.empty(0, dtype=np.int32)
-"""For whoever does not ask which group each one is in."""
 _GOLDEN = 0x9E3779B97F4A7C15 - (1 << 64)
 """2^64 over the golden ratio, as a signed number: the upper bits of its products with keys are
 spread evenly."""
@@ -130,7 +130,9 @@ def _group_points(
         x = np.floor(T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3])
         y = np.floor(T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3])
         z = np.floor(T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3])
-        if not (min(x, y, z) >= CELL_MIN and max(x, y, z) <= CELL_MAX):
+        if not (
+            CELL_MIN <= x <= CELL_MAX and CELL_MIN <= y <= CELL_MAX and CELL_MIN <= z <= CELL_MAX
+        ):
             return -1, count
         key = (
             ((int(x) + CELL_OFFSET) << (2 * BITS))

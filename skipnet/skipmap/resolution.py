@@ -9,9 +9,9 @@ import numpy as np
 from skipnet.compiled import compiled
 from skipnet.geometry import invert, make_transform, principal_frame, transform_points
 from skipnet.processes import side_by_side
-from skipnet.skipmap.cells import halve, occupied_cells, pack, unpack
+from skipnet.skipmap.cells import halve_steps, occupied_cells, pack, unpack
 from skipnet.skipmap.grouping import CELL_MAX, NO_ROWS, distinct_keys
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 TARGET_VOXELS = 10_000
 """Occupied voxels that describe one scan well: 0.15 m voxels in a furnished 10 m room."""
@@ -51,12 +51,11 @@ def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
     spread_m = spread_m or reach_m
     finest_m = max(spread_m / 64, reach_m / CELL_MAX)
     keys = occupied_cells(points_m, finest_m, T_middle_points)
-    # From their own lowest corner up: halved often enough, all cells meet in one.
-    keys -= pack(unpack(keys).min(axis=0)) - pack(np.zeros(3, dtype=np.int64))
-    counts = [len(keys)]
+    steps: IntArray = keys - pack(unpack(keys).min(axis=0))
+    counts = [len(steps)]
     while counts[-1] > max(goal, 1):
-        keys = distinct_keys(halve(keys), NO_ROWS)
-        counts.append(len(keys))
+        steps = distinct_keys(halve_steps(steps), NO_ROWS)
+        counts.append(len(steps))
     if len(counts) == 1:
         # A finer size serves: the number of voxels on surfaces grows with 1 / size^2.
         return finest_m * float(np.sqrt(counts[0] / goal))

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from skipnet.geometry import bounds
+from skipnet.geometry import as_floats, bounds
 from skipnet.skipmap.grouping import CELL_MAX
 from skipnet.skipmap.tree import SkipTree, build_tree, merge_trees
 from skipnet.types import FloatArray
@@ -68,6 +68,7 @@ def thin_chunks(
 def _pieces(chunks: Iterable[FloatArray]) -> Iterator[FloatArray]:
     """Chunks in pieces of which each makes one tree."""
     for chunk_m in chunks:
+        chunk_m = as_floats(chunk_m)
         for start in range(0, len(chunk_m), _POINTS_AT_ONCE):
             yield chunk_m[start : start + _POINTS_AT_ONCE]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skipnet.geometry import bounds, make_transform, transform_points
+from skipnet.geometry import as_floats, bounds, make_transform, transform_points
 from skipnet.skipmap.cells import cells_of, group_by_cell, halve, pack, unpack
 from skipnet.skipmap.grouping import CELL_MAX, CELL_MIN, group_keys
 from skipnet.skipmap.moments import Moments, add_up, sum_groups
@@ -171,17 +171,27 @@ def build_tree(
     """
     if len(points_m) == 0:
         raise ValueError("a skip-tree needs at least one point, none was given")
-    if not voxel_size_m > 0:
-        raise ValueError(f"voxel_size_m is {voxel_size_m}, expected a positive length in metres")
+    check_voxel_size(voxel_size_m)
     if origin_m is None:
         origin_m = _default_origin_m(points_of(points_m), T_tree_points)
     if isinstance(points_m, SkipTree):
         return _regrid(points_m, voxel_size_m, origin_m, T_tree_points)
+    points_m = as_floats(points_m)
     T_tree_points = np.eye(4) if T_tree_points is None else T_tree_points
     T_grid_points = make_transform(np.eye(3), -np.asarray(origin_m)) @ T_tree_points
     keys, row = group_by_cell(points_m, voxel_size_m, T_grid_points)
     moments = sum_groups(points_m, row, len(keys), T_grid_points)
     return SkipTree(voxel_size_m, origin_m, keys, moments)
+
+
+def check_voxel_size(voxel_size_m: object) -> None:
+    """Refuse what is no voxel size.
+
+    Raises:
+        ValueError: not a positive finite number.
+    """
+    if not (isinstance(voxel_size_m, (int, float, np.number)) and 0 < voxel_size_m < np.inf):
+        raise ValueError(f"voxel_size_m={voxel_size_m!r}: expected a positive length in metres")
 
 
 def merge_trees(trees: Sequence[SkipTree]) -> SkipTree:
