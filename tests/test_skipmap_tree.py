@@ -166,9 +166,9 @@ def test_far_from_the_origin_covariances_keep_their_digits(points_m):
     )
 
 
-@pytest.mark.parametrize("size_m", [0.0, -1.0, float("nan")])
+@pytest.mark.parametrize("size_m", [0.0, -1.0, float("nan"), float("inf"), "1", None, [0.1]])
 def test_a_voxel_size_that_is_no_length_is_refused(points_m, size_m):
-    with pytest.raises(ValueError, match="voxel_size_m is .* expected a positive length"):
+    with pytest.raises(ValueError, match="voxel_size_m=.*: expected a positive length"):
         build_tree(points_m, size_m)
 
 
