@@ -67,8 +67,8 @@ class CellTable:
 
     def find(self, cells: IntArray) -> IntArray:
         """The row for each (..., 3) cell, int32; -1 for none."""
-        nowhere_else = np.zeros((1, 3), dtype=np.int64)
-        return self.find_around(cells.reshape(-1, 3), nowhere_else).reshape(cells.shape[:-1])
+        there = np.zeros((1, 3), dtype=np.int64)
+        return self.find_around(cells.reshape(-1, 3), there).reshape(cells.shape[:-1])
 
     def find_around(self, cells: IntArray, steps: IntArray) -> IntArray:
         """(K, O) int32 rows for what is (O, 3) steps from each of (K, 3) cells; -1 for none."""
@@ -121,9 +121,9 @@ class CellTable:
         looks = np.maximum(np.ceil((ends_m - first_m) / step_m), 0).astype(np.int64)
         starts = (starts_m + first_m * ways - self.origin_m) * (1 / self.voxel_size_m)
         strides = ways * (step_m / self.voxel_size_m)
-        lines = starts, strides, looks
-        met = np.empty((2, _find_along(*lines, self._tables, _COUNT_ONLY)), dtype=np.int32)
-        _find_along(*lines, self._tables, met)
+        lines = starts, strides, looks, self._tables
+        met = np.empty((2, _find_along(*lines, _COUNT_ONLY)), dtype=np.int32)
+        _find_along(*lines, met)
         return met[0], met[1]
 
 
@@ -145,8 +145,8 @@ def _key(x: int, y: int, z: int) -> int:
 @inlined
 def _place_of(x: int, y: int, z: int, first: IntArray) -> tuple[int, int, int]:
     """Where the blocks like that of a cell are."""
-    mask_x, mask_y, mask_z = first.shape[0] - 1, first.shape[1] - 1, first.shape[2] - 1
-    return (x >> _BITS) & mask_x, (y >> _BITS) & mask_y, (z >> _BITS) & mask_z
+    X, Y, Z = first.shape
+    return (x >> _BITS) & (X - 1), (y >> _BITS) & (Y - 1), (z >> _BITS) & (Z - 1)
 
 
 @inlined
@@ -170,11 +170,7 @@ def _in_block(x: int, y: int, z: int) -> int:
 
 @compiled
 def _add_blocks(
-    cells: IntArray,
-    start: int,
-    reach: int,
-    blocks: _Blocks,
-    count: int,
+    cells: IntArray, start: int, reach: int, blocks: _Blocks, count: int
 ) -> tuple[int, int]:
     """Number the blocks with cells within ``reach`` of some, until there is no room for more.
 
@@ -198,11 +194,7 @@ def _add_blocks(
 
 
 @compiled
-def _fill_blocks(
-    cells: IntArray,
-    reach: int,
-    tables: _Tables,
-) -> None:
+def _fill_blocks(cells: IntArray, reach: int, tables: _Tables) -> None:
     """Write each row into its voxel's cell, and into those within ``reach`` that have none nearer,
     together with the number of steps to there."""
     blocks, rows = tables
@@ -225,12 +217,7 @@ def _cell(place: float) -> int:
 
 
 @compiled
-def _find_around(
-    cells: IntArray,
-    steps: IntArray,
-    tables: _Tables,
-    found: IntArray,
-) -> None:
+def _find_around(cells: IntArray, steps: IntArray, tables: _Tables, found: IntArray) -> None:
     """See ``CellTable.find_around``."""
     blocks, rows = tables
     for k in range(len(cells)):
@@ -244,10 +231,7 @@ def _find_around(
 
 @compiled
 def _find_moved(
-    T_cells_points: FloatArray,
-    points_m: FloatArray,
-    tables: _Tables,
-    found: IntArray,
+    T_cells_points: FloatArray, points_m: FloatArray, tables: _Tables, found: IntArray
 ) -> None:
     """See ``CellTable.find_moved``."""
     blocks, rows = tables
@@ -266,18 +250,13 @@ def _find_moved(
 def _steps_to_leave(place: float, stride: float) -> float:
     """Of a length, along one axis, to the end of the block that a coordinate is in."""
     low = np.floor(place / _SIDE) * _SIDE
-    if stride == 0:
-        return float(_END)
-    return (low + _SIDE - place) / stride if stride > 0 else (low - place) / stride
+    end = low + _SIDE if stride > 0 else low
+    return (end - place) / stride if stride != 0 else float(_END)
 
 
 @compiled
 def _find_along(
-    starts: FloatArray,
-    strides: FloatArray,
-    looks: IntArray,
-    tables: _Tables,
-    met: IntArray,
+    starts: FloatArray, strides: FloatArray, looks: IntArray, tables: _Tables, met: IntArray
 ) -> int:
     """See ``CellTable.find_along``; coordinates in cells. Returns how many were met, and writes
     them down where there is room."""
