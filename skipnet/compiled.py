@@ -33,6 +33,7 @@ def inlined(function: _Function) -> _Function:
 
 def _compile(function: _Function, forceinline: bool = False) -> _Function:
     def compile_(cache: bool) -> _Function:
+        """With a cache or without."""
         options = {"forceinline": forceinline, "nogil": True, "error_model": "numpy"}
         return njit(cache=cache, **options)(function)  # type: ignore[call-overload]
 

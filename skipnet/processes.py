@@ -37,6 +37,7 @@ def side_by_side(function: Callable[..., _Result], *columns: Iterable[Any]) -> l
     numbers = iter(range(len(calls)))
 
     def work() -> None:
+        """Make calls while there are some, and none has failed."""
         for number in numbers:
             try:
                 results[number] = function(*calls[number])

@@ -12,19 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.compiled import compiled
 from skipnet.geometry import invert, make_transform, rotation_from_vector
-from skipnet.skipmap.cell_table import CellTable
+from skipnet.registration.normal_equations import Matches, Surfaces, match_surfaces
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
 MIN_MATCHES = 50
 """Fewer correspondences at a level say nothing."""
-MODEL_ERROR_VOXELS = 0.002
-"""How far a real surface departs from its voxel's plane at best, so that dense voxels do not
-decide all."""
-_MEDIAN_SAMPLES = 4096
-"""So many residuals tell their typical size to one or two per cent."""
 _FREE = 1e-9
 """Share of the best held direction's information that any direction is granted."""
 DAMPING_VOXELS = 1.0
@@ -88,9 +82,9 @@ def refine(
         if min(len(source), len(target)) == 0:
             continue  # a level without surfaces has no hold
         rows = _spread_rows(len(source), samples)
-        surfaces = _Surfaces.of(source, rows), _Surfaces.of(target, slice(None))
+        surfaces = Surfaces.of(source, rows), Surfaces.of(target, slice(None))
         for _ in range(max_steps):
-            matches = _match(T, *surfaces, target.table, min_normal_cosine)
+            matches = match_surfaces(T, *surfaces, target.table, min_normal_cosine)
             T, moved_m = _gauss_newton_step(T, matches)
             if moved_m < 1e-4 * target.voxel_size_m:
                 break
@@ -106,7 +100,7 @@ def _before_any_level(T: FloatArray) -> Refinement:
 
 
 def _keep_tracked(
-    before: Refinement, T: FloatArray, matches: _Matches, max_shift_m: float
+    before: Refinement, T: FloatArray, matches: Matches, max_shift_m: float
 ) -> Refinement:
     """Take over a level's poses, but for those that ran away: too sparse a level has no hold."""
     before_m = apply(before.T_target_source, apply(invert(T), matches.centre_m))
@@ -121,17 +115,6 @@ def _keep_tracked(
     )
 
 
-@dataclass(frozen=True)
-class _Matches:
-    """What one step's correspondences of C candidates come to, linearised; see ``Refinement``."""
-
-    matched: IntArray
-    centre_m: FloatArray
-    spread_m: FloatArray
-    information: FloatArray
-    gradient: FloatArray
-
-
 def apply(T_a_b: FloatArray, point_b_m: FloatArray) -> FloatArray:
     """Map one (C, 3) point by each of (C, 4, 4) transforms."""
     return np.einsum("cij,cj->ci", T_a_b[:, :3, :3], point_b_m) + T_a_b[:, :3, 3]
@@ -144,129 +127,7 @@ def _spread_rows(count: int, samples: int | None) -> IntArray | slice:
     return np.linspace(0, count - 1, samples).astype(np.int64)
 
 
-@dataclass(frozen=True)
-class _Surfaces:
-    """Voxels of one scan."""
-
-    centroids_m: FloatArray
-    """(V, 3)."""
-    normals: FloatArray
-    """(V, 3)."""
-    variance_m2: FloatArray
-    """(V,) of each centroid along its normal: scatter across the surface over points."""
-    oriented: bool
-
-    @staticmethod
-    def of(skipmap: SkipMap, rows: IntArray | slice) -> _Surfaces:
-        """Some voxels of a Skip-map."""
-        floor_m = MODEL_ERROR_VOXELS * skipmap.voxel_size_m
-        across_m2 = skipmap.eigenvalues_m2[rows, 0]
-        return _Surfaces(
-            skipmap.centroids_m[rows],
-            skipmap.normals[rows],
-            across_m2 / skipmap.counts[rows] + floor_m**2,
-            skipmap.viewpoint_m is not None,
-        )
-
-
-def _match(
-    T: FloatArray,
-    source: _Surfaces,
-    target: _Surfaces,
-    table: CellTable,
-    min_normal_cosine: float,
-) -> _Matches:
-    """Correspondences by lookup, and the normal equations of their residuals."""
-    figures = _normal_equations(
-        T,
-        *(source.centroids_m, source.normals, source.variance_m2),
-        *(target.centroids_m, target.normals, target.variance_m2),
-        table.find_moved(T, source.centroids_m),
-        source.oriented and target.oriented,
-        min_normal_cosine,
-    )
-    return _Matches(*figures)
-
-
-@compiled
-def _normal_equations(
-    T_target_source: FloatArray,
-    source_m: FloatArray,
-    source_normals: FloatArray,
-    source_variance_m2: FloatArray,
-    target_m: FloatArray,
-    target_normals: FloatArray,
-    target_variance_m2: FloatArray,
-    row: IntArray,
-    oriented: bool,
-    min_normal_cosine: float,
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The fields of ``_Matches``: robustly weighted normal equations (Geman-McClure) of the
-    residuals along the mean of both normals, about the matched points' centre."""
-    candidates, samples = row.shape
-    matched = np.zeros(candidates, dtype=np.int64)
-    centre_m, spread_m = np.zeros((candidates, 3)), np.zeros(candidates)
-    information, gradient = np.zeros((candidates, 6, 6)), np.zeros((candidates, 6))
-    point_m, normal = np.empty((samples, 3)), np.empty((samples, 3))
-    residual_m, variance_m2 = np.empty(samples), np.empty(samples)
-    jacobian = np.empty(6)
-    for c in range(candidates):
-        T = T_target_source[c]
-        count = 0
-        for s in range(samples):
-            t = row[c, s]
-            if t < 0:
-                continue
-            cosine = 0.0
-            for i in range(3):
-                point_m[count, i] = T[i, 3]
-                normal[count, i] = 0.0
-                for j in range(3):
-                    point_m[count, i] += T[i, j] * source_m[s, j]
-                    normal[count, i] += T[i, j] * source_normals[s, j]
-                cosine += normal[count, i] * target_normals[t, i]
-            side = -1.0 if cosine < 0 and not oriented else 1.0
-            if not side * cosine > min_normal_cosine:
-                continue
-            length = np.sqrt(2 + 2 * side * cosine)  # of the sum of two unit normals
-            residual_m[count] = 0.0
-            for i in range(3):
-                normal[count, i] = (side * normal[count, i] + target_normals[t, i]) / length
-                residual_m[count] += normal[count, i] * (target_m[t, i] - point_m[count, i])
-                centre_m[c, i] += point_m[count, i]
-            variance_m2[count] = source_variance_m2[s] + target_variance_m2[t]
-            count += 1
-        if count == 0:
-            continue
-        matched[c] = count
-        centre_m[c] /= count
-        every = 1 + count // _MEDIAN_SAMPLES
-        typical_m2 = np.median(np.abs(residual_m[:count:every])) ** 2
-        square_m2 = 0.0
-        for k in range(count):
-            scale_m2 = 16 * typical_m2 + variance_m2[k]
-            robust = scale_m2 / (scale_m2 + residual_m[k] * residual_m[k])
-            weight = robust * robust / (variance_m2[k] + typical_m2)
-            x, y = point_m[k, 0] - centre_m[c, 0], point_m[k, 1] - centre_m[c, 1]
-            z = point_m[k, 2] - centre_m[c, 2]
-            square_m2 += x * x + y * y + z * z
-            n_x, n_y, n_z = normal[k, 0], normal[k, 1], normal[k, 2]
-            jacobian[0], jacobian[1] = y * n_z - z * n_y, z * n_x - x * n_z
-            jacobian[2], jacobian[3] = x * n_y - y * n_x, n_x
-            jacobian[4], jacobian[5] = n_y, n_z
-            for i in range(6):
-                weighted = weight * jacobian[i]
-                gradient[c, i] += weighted * residual_m[k]
-                for j in range(i + 1):
-                    information[c, i, j] += weighted * jacobian[j]
-        spread_m[c] = np.sqrt(square_m2 / count)
-        for i in range(6):
-            for j in range(i):
-                information[c, j, i] = information[c, i, j]
-    return matched, centre_m, spread_m, information, gradient
-
-
-def _gauss_newton_step(T: FloatArray, matches: _Matches) -> tuple[FloatArray, float]:
+def _gauss_newton_step(T: FloatArray, matches: Matches) -> tuple[FloatArray, float]:
     """Move every pose by its normal equations' solution; directions left free stay put."""
     diagonal = np.einsum("cii->ci", matches.information)
     # Mean squared lever of the rotation: what it moves where the normals feel it.

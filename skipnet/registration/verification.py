@@ -153,8 +153,12 @@ def judge(
         strictness: what counts as agreement and as a contradiction.
     """
 
+    at_once = max(1, _AT_ONCE // max(1, samples))
+
     def one_way(T_b_a: FloatArray, a: Evidence, b: Evidence) -> FloatArray:
-        return _one_way(T_b_a, a, b, samples, strictness)
+        """(2, C) what ``_one_way`` says of all candidates, some at a time."""
+        some = [T_b_a[i : i + at_once] for i in range(0, max(1, len(T_b_a)), at_once)]
+        return np.hstack([_one_way(T, a, b, samples, strictness) for T in some])
 
     is_long = samples * len(T_target_source) > _SOON_JUDGED
     there, back = (side_by_side if is_long else map)(
@@ -244,20 +248,8 @@ def _one_way(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
 ) -> FloatArray:
     """(2, C) weighted shares of a's voxels that match b, and that violate b's free space."""
-    at_once = max(1, _AT_ONCE // max(1, samples))
-    pieces = [
-        _few_one_way(T_b_a[start : start + at_once], a, b, samples, strictness)
-        for start in range(0, len(T_b_a), at_once)
-    ]
-    return np.concatenate([np.zeros((2, 0), dtype=np.float32), *pieces], axis=1)
-
-
-def _few_one_way(
-    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
-) -> FloatArray:
-    """``_one_way``, whatever memory it takes."""
     row = b.near.find_moved(T_b_a, a.points_m, samples)
-    weights = a.weights[: row.shape[1]] / a.weights[: row.shape[1]].sum()
+    weights = a.weights[: row.shape[1]]
     match = _match(
         T_b_a[:, :3].astype(np.float32),
         a.points_m,
@@ -268,13 +260,11 @@ def _few_one_way(
         strictness.min_normal_cosine,
         strictness.max_distance_voxels * b.voxel_size_m,
     )
-    shares = np.zeros((2, len(T_b_a)), dtype=np.float32)
-    shares[0] = match @ weights
+    free = np.zeros_like(match)
     if b.range_image is not None:
         free_m = strictness.free_voxels * b.voxel_size_m
         free = b.range_image.in_front(T_b_a, a.points_m, ~match, strictness.free_share, free_m)
-        shares[1] = free @ weights
-    return shares
+    return np.stack([match, free]) @ (weights / weights.sum())
 
 
 @compiled
