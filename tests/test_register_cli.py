@@ -55,7 +55,7 @@ def test_two_files_come_out_registered_with_every_result(stand, pair):
     assert result["inputs"] == {"source": "scans/a.ply", "target": "scans/b.npy"}
     assert result["seed"] == 3
     assert set(result["versions"]) == {
-        *("skipnet", "python", "numpy", "scipy", "small_gicp", "torch", "open3d")
+        *("skipnet", "python", "numpy", "numba", "scipy", "small_gicp", "torch", "open3d")
     }
 
     aligned_m = read_points(stand / "out" / "first" / "aligned.ply")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from skipnet.registration.multiview import MultiviewResult
 
 _LONGEST_DETAIL = 200
-_PACKAGES = ("numpy", "scipy", "small_gicp", "torch", "open3d")
+_PACKAGES = ("numpy", "numba", "scipy", "small_gicp", "torch", "open3d")
 
 
 def result_json(result: Registration, inputs: Mapping[str, str], seed: int) -> str:

@@ -17,7 +17,8 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 
 _ROW = (0, 0, 0, 1, 1, 2)
 _COLUMN = (0, 1, 2, 1, 2, 2)
-_FULL = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+_PLACE = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
+_FULL = np.array(_PLACE)
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,7 @@ class Moments:
 
     def moved(self, rotation: FloatArray, shift_m: FloatArray) -> Moments:
         """Of the same points after p -> rotation p + shift: (3, 3) and (3,)."""
-        count, first = self.sums[:, 0, None], self.sums[:, 1:4] @ rotation.T
-        second = rotation @ self.sums[:, 4:][:, _FULL] @ rotation.T
-        mixed = first[:, :, None] * shift_m
-        second += mixed + mixed.swapaxes(1, 2) + count[..., None] * np.outer(shift_m, shift_m)
-        sums = [count, first + count * shift_m, second[:, _ROW, _COLUMN]]
-        return Moments(np.concatenate(sums, axis=1))
+        return Moments(_move(self.sums, rotation, shift_m))
 
     @property
     def count(self) -> FloatArray:
@@ -203,3 +199,29 @@ def _sum_columns(sums: FloatArray, keys: IntArray, column_steps: IntArray) -> Fl
         around[v, 4], around[v, 5], around[v, 6] = xx, xy, xz
         around[v, 7], around[v, 8], around[v, 9] = yy, yz, zz
     return around
+
+
+@compiled
+def _move(sums: FloatArray, rotation: FloatArray, shift_m: FloatArray) -> FloatArray:
+    """See ``Moments.moved``."""
+    moved = np.empty_like(sums)
+    half = np.empty((3, 3))
+    for v in range(len(sums)):
+        count = moved[v, 0] = sums[v, 0]
+        for i in range(3):
+            moved[v, 1 + i] = 0.0
+            for j in range(3):
+                moved[v, 1 + i] += rotation[i, j] * sums[v, 1 + j]
+                half[i, j] = 0.0  # of rotation @ second @ rotation.T, the first product
+                for k in range(3):
+                    half[i, j] += rotation[i, k] * sums[v, 4 + _PLACE[k][j]]
+        for figure in range(6):
+            i, j = _ROW[figure], _COLUMN[figure]
+            turned = 0.0
+            for k in range(3):
+                turned += half[i, k] * rotation[j, k]
+            mixed = moved[v, 1 + i] * shift_m[j] + shift_m[i] * moved[v, 1 + j]
+            moved[v, 4 + figure] = turned + mixed + count * shift_m[i] * shift_m[j]
+        for i in range(3):
+            moved[v, 1 + i] += count * shift_m[i]
+    return moved
