@@ -12,6 +12,17 @@ _BLOCK = 1 << 10
 """Points whose sums are taken on their own before they are added to the others': fewer digits are
 lost."""
 _SAMPLE = 1000
+"""Points whose mean lies among them all."""
+_PAIRS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Where xx, xy, xz, yy, yz, zz stand in a matrix ..."""
+_TRIPLES = np.array(
+    [
+        [[0, 1, 2], [1, 3, 4], [2, 4, 5]],
+        [[1, 3, 4], [3, 6, 7], [4, 7, 8]],
+        [[2, 4, 5], [4, 7, 8], [5, 8, 9]],
+    ]
+)
+"""... and xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz in a cube."""
 
 
 def make_transform(rotation: FloatArray, translation_m: FloatArray) -> FloatArray:
@@ -87,16 +98,6 @@ def central_moments(points_m: FloatArray) -> tuple[FloatArray, FloatArray, Float
     cubes -= mixed + mixed.transpose(1, 0, 2) + mixed.transpose(2, 1, 0)
     cubes += 2 * count * np.einsum("i,j,k->ijk", shift_m, shift_m, shift_m)
     return near_m + shift_m, second - count * np.outer(shift_m, shift_m), cubes
-
-
-_PAIRS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-_TRIPLES = np.array(
-    [
-        [[0, 1, 2], [1, 3, 4], [2, 4, 5]],
-        [[1, 3, 4], [3, 6, 7], [4, 7, 8]],
-        [[2, 4, 5], [4, 7, 8], [5, 8, 9]],
-    ]
-)
 
 
 @compiled

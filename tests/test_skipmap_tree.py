@@ -172,6 +172,14 @@ def test_a_voxel_size_that_is_no_length_is_refused(points_m, size_m):
         build_tree(points_m, size_m)
 
 
+@pytest.mark.parametrize("kind", [">f4", "<f2", "i4", object])
+def test_any_kind_of_numbers_is_divided(points_m, kind):
+    given = np.round(points_m * 8).astype(kind)
+    expected = build_tree(given.astype(np.float64), 2.0)
+    for points in (given, given.tolist(), np.asfortranarray(given)):
+        assert_same_trees(build_tree(points, 2.0), expected)
+
+
 def test_no_points_and_different_grids_are_refused(tree, points_m):
     with pytest.raises(ValueError, match="at least one point"):
         build_tree(np.zeros((0, 3)), SIZE_M)

@@ -61,11 +61,10 @@ def validate(points: npt.ArrayLike, name: str) -> FloatArray:
 @compiled
 def _all_usable(array: FloatArray) -> bool:
     """Whether no coordinate is NaN, infinite, or so large that its cube cannot be computed with."""
-    usable = True
-    for i in range(len(array)):
-        for axis in range(3):
-            usable &= abs(array[i, axis]) < _LARGEST_M
-    return usable
+    unusable = 0  # counted to the end, which is quicker than to decide at each
+    for coordinate in array.ravel():
+        unusable += not abs(coordinate) < _LARGEST_M
+    return unusable == 0
 
 
 def _spans_surface(points_m: FloatArray) -> bool:

@@ -115,7 +115,8 @@ def _normal_equations(
         matched[c] = count
         for k in range(count):
             for i in range(3):
-                centre_m[c, i] += pairs[k, i] / count
+                centre_m[c, i] += pairs[k, i]
+        centre_m[c] /= count
         every = 1 + count // _MEDIAN_SAMPLES
         typical_m2 = np.median(np.abs(pairs[:count:every, 6])) ** 2
         square_m2 = _sum_up(pairs[:count], centre_m[c], typical_m2, information[c], gradient[c])

@@ -82,7 +82,7 @@ def build_skipmap(
     viewpoint_m: FloatArray | None = None,
     min_points: int = MIN_NEIGHBOURHOOD_POINTS,
 ) -> SkipMap:
-    """Divide a scan into voxels and describe the effective ones, in one pass over the points.
+    """Divide a scan into voxels and describe the effective ones, from the voxels' moments alone.
 
     Args:
         points_m: (N, 3) points in the scan's frame.

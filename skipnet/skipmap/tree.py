@@ -172,11 +172,12 @@ def build_tree(
     if len(points_m) == 0:
         raise ValueError("a skip-tree needs at least one point, none was given")
     check_voxel_size(voxel_size_m)
+    if not isinstance(points_m, SkipTree):
+        points_m = as_floats(points_m)
     if origin_m is None:
         origin_m = _default_origin_m(points_of(points_m), T_tree_points)
     if isinstance(points_m, SkipTree):
         return _regrid(points_m, voxel_size_m, origin_m, T_tree_points)
-    points_m = as_floats(points_m)
     T_tree_points = np.eye(4) if T_tree_points is None else T_tree_points
     T_grid_points = make_transform(np.eye(3), -np.asarray(origin_m)) @ T_tree_points
     keys, row = group_by_cell(points_m, voxel_size_m, T_grid_points)
