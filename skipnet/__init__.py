@@ -10,13 +10,13 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from skipnet.provenance import __version__
+
 if TYPE_CHECKING:
     from skipnet.registration.pipeline import register
     from skipnet.types import Registration
 
 __all__ = ["Registration", "__version__", "register"]
-
-__version__ = "0.1.0"
 
 _HOME_OF = {"register": "skipnet.registration.pipeline", "Registration": "skipnet.types"}
 

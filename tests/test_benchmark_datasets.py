@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from skipnet.benchmark.datasets import PairSet, folder_pairs, simulated_pairs
 from skipnet.benchmark.datasets.disturbed import disturb, disturbed_pairs
-from skipnet.benchmark.metrics import measured_overlap
-from skipnet.clouds.formats import write_ply
-from skipnet.config import DisturbanceConfig
+from skipnet.benchmark.options import DisturbanceConfig
+from skipnet.clouds.formats.reading import write_ply
 from skipnet.geometry import invert, make_transform, rotation_angle_rad, transform_points
+from skipnet.metrics.poses import measured_overlap
 from skipnet.types import Pair
 
 

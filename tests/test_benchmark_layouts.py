@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from skipnet.benchmark.datasets import DATASETS, folder_pairs
 from skipnet.benchmark.datasets.kitti import pairs_apart, read_scan, refine_truth
-from skipnet.clouds.formats import write_ply
-from skipnet.config import DatasetKind
+from skipnet.benchmark.options import DatasetKind
+from skipnet.clouds.formats.reading import write_ply
 from skipnet.geometry import invert, make_transform, pose_error, transform_points
 from skipnet.types import Pair
 

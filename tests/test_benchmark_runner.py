@@ -16,20 +16,20 @@ import numpy as np
 import pytest
 
 from skipnet.benchmark.datasets import PairSet
-from skipnet.benchmark.factories import Contestant, settings_hash
-from skipnet.benchmark.isolation import isolated
 from skipnet.benchmark.methods import Estimate
-from skipnet.benchmark.predictions import Prediction, append_prediction, read_predictions
-from skipnet.benchmark.runner import check_same_settings, predict
-from skipnet.benchmark.scoring import (
+from skipnet.benchmark.options import DisturbanceConfig, EvaluateConfig, ProtocolKind, VariantConfig
+from skipnet.benchmark.running.contestants import Contestant, settings_hash
+from skipnet.benchmark.running.isolation import isolated
+from skipnet.benchmark.running.runner import check_same_settings, predict
+from skipnet.benchmark.scoring.predictions import Prediction, append_prediction, read_predictions
+from skipnet.benchmark.scoring.scoring import (
     Scorer,
     best_of_groups,
     choose_variants,
     score_predictions,
     write_scores,
 )
-from skipnet.benchmark.summary import summarise
-from skipnet.config import DisturbanceConfig, EvaluateConfig, ProtocolKind, VariantConfig
+from skipnet.benchmark.scoring.summary import summarise
 from skipnet.geometry import make_transform
 from skipnet.types import Pair
 
@@ -378,7 +378,7 @@ SLEEPER = """
 import numpy as np, os, sys, time
 from functools import partial
 sys.path.insert(0, "tests")
-from skipnet.benchmark.isolation import isolated
+from skipnet.benchmark.running.isolation import isolated
 from skipnet.benchmark.methods import Task
 from test_benchmark_runner import make_sleeper
 

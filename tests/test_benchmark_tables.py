@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skipnet.benchmark.comparison import (
+from skipnet.benchmark.options import ProtocolKind
+from skipnet.benchmark.reporting.comparison import (
     chosen_table,
     confidence_scores,
     confidence_table,
@@ -16,13 +17,12 @@ from skipnet.benchmark.comparison import (
     sets_table,
     success_table,
 )
-from skipnet.benchmark.curves import draw_confidence, draw_overlap, draw_points
-from skipnet.benchmark.events import cumulative_curve
-from skipnet.benchmark.protocols import PROTOCOLS
-from skipnet.benchmark.scoring import ScoreRow
-from skipnet.benchmark.summary import summarise
-from skipnet.benchmark.tables import failures_table
-from skipnet.config import ProtocolKind
+from skipnet.benchmark.reporting.curves import draw_confidence, draw_overlap, draw_points
+from skipnet.benchmark.reporting.events import cumulative_curve
+from skipnet.benchmark.reporting.tables import failures_table
+from skipnet.benchmark.scoring.protocols import PROTOCOLS
+from skipnet.benchmark.scoring.scoring import ScoreRow
+from skipnet.benchmark.scoring.summary import summarise
 
 LABELS = {"ours": "Ours", "peer": "Peer"}
 OWN = PROTOCOLS[ProtocolKind.own]

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
-from skipnet.benchmark.calibration import (
-    REGULARISATION,
-    Trial,
-    expected_calibration_error,
-    fit,
-)
-from skipnet.registration.verdict import FEATURES, MAX_VIOLATION
-from skipnet.simulation.disturbances import add_passers_by
+from skipnet.metrics.calibration import expected_calibration_error
+from skipnet.registration.findings import FEATURES
+from skipnet.registration.verdict import MAX_VIOLATION
+from skipnet.simulation.scanning.degrading import add_passers_by
+from skipnet.studies.calibration import REGULARISATION, Trial, fit
 
 
 def trials(count=400):

@@ -7,10 +7,11 @@ import pytest
 
 from skipnet.geometry import make_transform
 from skipnet.registration import settling
-from skipnet.registration.closer_look import centroid_errors_voxels, look_closer
+from skipnet.registration.judging.closer_look import centroid_errors_voxels, look_closer
+from skipnet.registration.judging.judge import FINE, judge
 from skipnet.registration.pipeline import register
-from skipnet.registration.verification import FINE, build_evidence, judge
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.scans.evidence import build_evidence
+from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
 VOXEL_M = 0.1

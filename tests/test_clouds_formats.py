@@ -8,15 +8,15 @@ import struct
 import numpy as np
 import pytest
 
-from skipnet.clouds import formats
-from skipnet.clouds.atomic import replacing
-from skipnet.clouds.formats import (
+from skipnet.clouds.formats import reading as formats
+from skipnet.clouds.formats.reading import (
     SUPPORTED,
     read_chunks,
     read_points,
     write_ply,
     write_ply_chunks,
 )
+from skipnet.storage import replacing
 
 
 @pytest.fixture
@@ -97,8 +97,8 @@ def test_reads_numpy(tmp_path, points):
 
 @pytest.mark.parametrize("extension", ["ply", "las", "laz"])
 def test_large_files_are_read_and_written_in_chunks(tmp_path, points, extension, monkeypatch):
-    for module in ("ply", "formats"):
-        monkeypatch.setattr(f"skipnet.clouds.{module}.RECORDS_AT_ONCE", 7)
+    for module in ("ply", "las"):
+        monkeypatch.setattr(f"skipnet.clouds.formats.{module}.RECORDS_AT_ONCE", 7)
     path = tmp_path / f"scan.{extension}"
     if extension == "ply":
         write_ply_chunks(path, np.array_split(points, 3))

@@ -9,8 +9,11 @@ from typing import Any
 
 import pytest
 
-from skipnet import command
-from skipnet.config import EvaluateConfig, RegisterConfig, TrainConfig, require
+from skipnet.benchmark.options import EvaluateConfig
+from skipnet.checks import require
+from skipnet.commands import hydra_app as command
+from skipnet.commands.register import RegisterConfig
+from skipnet.training.options import TrainConfig
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -73,7 +76,9 @@ def toy(tmp_path, monkeypatch, capsys):
             seen.append(config)
             return task(config)
 
-        code = command.run("toy", ToyConfig, spy, configs, arguments=arguments, **options)
+        code = command.run(
+            "toy", ToyConfig, spy, config_dir=configs, arguments=arguments, **options
+        )
         assert list(stand.iterdir()) == []
         return code, seen, capsys.readouterr().err
 
@@ -207,7 +212,7 @@ def test_help_is_what_hydra_itself_answers(name, capsys):
     def task(config):
         raise AssertionError("help runs nothing")
 
-    code = command.run(name, schema, task, CONFIGS, arguments=arguments)
+    code = command.run(name, schema, task, arguments=arguments)
     ours = capsys.readouterr().out
     with pytest.raises(SystemExit):
         command._run_hydra(name, schema, task, CONFIGS, lambda result: 0, arguments)

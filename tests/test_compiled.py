@@ -71,7 +71,7 @@ def test_a_name_from_another_file_would_be_noticed():
 
 SCRIPT = """
 import numpy as np
-from skipnet.geometry import bounds
+from skipnet.clouds.statistics import bounds
 low_m, high_m = bounds(np.array([[1.0, 5.0, 0.0], [3.0, 2.0, 0.0]]))
 print(low_m.tolist(), high_m.tolist())
 """
@@ -101,7 +101,7 @@ def test_code_kept_from_an_earlier_version_of_a_file_is_not_used(tmp_path):
     shutil.copytree(ROOT, tmp_path / "skipnet", ignore=shutil.ignore_patterns("__pycache__"))
     before = run_anew(tmp_path, PYTHONPATH=str(tmp_path))
     assert before == "[1.0, 2.0, 0.0] [3.0, 5.0, 0.0]"
-    path = tmp_path / "skipnet" / "geometry.py"
+    path = tmp_path / "skipnet" / "clouds" / "statistics.py"
     path.write_text(path.read_text().replace("return low_m, high_m", "return high_m, low_m"))
     after = run_anew(tmp_path, PYTHONPATH=str(tmp_path))
     assert after == "[3.0, 5.0, 0.0] [1.0, 2.0, 0.0]"

@@ -15,56 +15,44 @@ import torch
 from scipy.spatial.distance import cdist
 
 from skipnet.benchmark.methods import Task, make_method
-from skipnet.clouds.formats import _READERS
-from skipnet.config import EvaluateConfig, TrainConfig
-from skipnet.features.cylinders import (
-    SECTOR_SIZE,
-    SECTORS,
-    choose_keypoints,
-    cylinder_patches,
-)
-from skipnet.features.descriptors import mutual_nearest
-from skipnet.learning import dataset
-from skipnet.learning.class_head import fit_class_head, head_arrays, with_hidden
-from skipnet.learning.dataset import Samples
-from skipnet.learning.descriptor import (
-    SHIPPED_WEIGHTS,
-    Descriptor,
-    classify_voxels,
-    correspond,
-    describe_keypoints,
-    load_descriptor,
-    save_descriptor,
-)
-from skipnet.learning.descriptor_network import (
-    DescriptorNetwork,
-    Similarities,
-    Strongest,
-    Widths,
-    contrastive_loss,
-    hardest_loss,
-    matchability_loss,
-)
-from skipnet.learning.descriptor_pairs import (
-    PatchPairs,
-    Recipe,
-    TwoScans,
-    digest,
-    make_patch_pairs,
-    simulate_two_scans,
-    true_correspondences,
-)
-from skipnet.learning.descriptor_reports import predict
-from skipnet.learning.descriptor_scores import (
+from skipnet.benchmark.options import EvaluateConfig
+from skipnet.clouds.formats.reading import _READERS
+from skipnet.features.cylinders import SECTOR_SIZE, SECTORS, choose_keypoints, cylinder_patches
+from skipnet.features.matching import mutual_nearest
+from skipnet.metrics.classes import confusion_matrix, macro_f1
+from skipnet.metrics.correspondences import (
     Keypoints,
     Match,
+    TwoScans,
     by_fpfh,
     by_overlap,
     inlier_ratio,
     keypoints_of,
     summarise,
+    true_correspondences,
 )
-from skipnet.learning.descriptor_training import (
+from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor, save_descriptor
+from skipnet.networks.describing import classify_voxels, correspond, describe_keypoints
+from skipnet.networks.numpy_network import Descriptor
+from skipnet.simulation.scanning.degrading import Recipe
+from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.training.data import labelled as dataset
+from skipnet.training.data.labelled import Samples
+from skipnet.training.data.pairs import PatchPairs, digest, make_patch_pairs, simulate_two_scans
+from skipnet.training.devices import find_device
+from skipnet.training.networks.cyclic import DescriptorNetwork, Strongest, Widths
+from skipnet.training.networks.losses import (
+    Similarities,
+    contrastive_loss,
+    hardest_loss,
+    matchability_loss,
+)
+from skipnet.training.networks.perceptron import PatchNetwork
+from skipnet.training.optimizers import ScaledConjugateGradient
+from skipnet.training.options import TrainConfig
+from skipnet.training.reports import predict
+from skipnet.training.tasks.classes import fit_class_head, head_arrays, with_hidden
+from skipnet.training.tasks.descriptor import (
     Lessons,
     Outcome,
     Schedule,
@@ -72,12 +60,7 @@ from skipnet.learning.descriptor_training import (
     draw_batch,
     train_network,
 )
-from skipnet.learning.devices import find_device
-from skipnet.learning.network import PatchNetwork
-from skipnet.learning.optimizers import ScaledConjugateGradient
-from skipnet.learning.scores import confusion_matrix, macro_f1
-from skipnet.learning.training import EpochRecord
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.training.trainer import EpochRecord
 from skipnet.types import FloatArray
 
 SHORT = Schedule(
@@ -480,9 +463,9 @@ READS = """
 import json, sys
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
-from skipnet.learning.descriptor_pairs import make_patch_pairs
+from skipnet.training.data.pairs import make_patch_pairs
 pairs = make_patch_pairs(["facade", "curved"], range(2), per_scans=20)
-reader = "skipnet.clouds.formats" in sys.modules
+reader = "skipnet.clouds.formats.reading" in sys.modules
 json.dump({"pairs": len(pairs), "opened": opened, "reader": reader}, sys.stdout)
 """
 

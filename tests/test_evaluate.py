@@ -15,19 +15,19 @@ from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-import evaluate
-from skipnet import command
 from skipnet.benchmark.datasets.overlapping import KINDS
-from skipnet.benchmark.factories import make_contestants, make_pair_set
 from skipnet.benchmark.methods import Task, make_method
 from skipnet.benchmark.methods.matching import most_consistent_pose
-from skipnet.benchmark.metrics import inlier_ratio
-from skipnet.benchmark.predictions import read_predictions
-from skipnet.benchmark.runner import predict
-from skipnet.config import EvaluateConfig, ProtocolKind, VariantConfig
+from skipnet.benchmark.options import EvaluateConfig, ProtocolKind, VariantConfig
+from skipnet.benchmark.running.contestants import make_contestants, make_pair_set
+from skipnet.benchmark.running.runner import predict
+from skipnet.benchmark.scoring.predictions import read_predictions
+from skipnet.commands import hydra_app as command
+from skipnet.commands.evaluate import evaluate
 from skipnet.geometry import make_transform, pose_error, rotation_from_vector, transform_points
-from skipnet.simulation.pairs import simulate_pair
-from skipnet.simulation.scenes import AMBIGUOUS_FAMILIES, FAMILIES
+from skipnet.metrics.poses import inlier_ratio
+from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.scenes.scenes import AMBIGUOUS_FAMILIES, FAMILIES
 
 ROOT = Path(__file__).parent.parent
 BENCHMARKS = sorted(path.stem for path in (ROOT / "configs" / "benchmark").glob("*.yaml"))
@@ -47,7 +47,7 @@ FILES = {
 def run_folder(tmp_path_factory):
     """A run of two small simulated rooms."""
     folder = tmp_path_factory.mktemp("run")
-    summary = evaluate.main(
+    summary = evaluate(
         EvaluateConfig(
             pairs=2,
             points=3000,
@@ -117,7 +117,7 @@ def test_tensorboard_holds_curves_tables_and_pictures(run_folder):
 
 
 def test_the_paper_stands_under_the_rows_it_has():
-    from skipnet.benchmark.tables import PAPER_TABLE_2, table_2
+    from skipnet.benchmark.reporting.tables import PAPER_TABLE_2, table_2
 
     values = {"time_s": 1.0, "map_s": 0.9, "transform_s": 0.1, "mean_error_mm": 2.0}
     entries = [
@@ -269,7 +269,7 @@ def test_answers_are_judged_anew_by_another_protocol(run_folder, tmp_path):
     copied = tmp_path / "run"
     shutil.copytree(folder, copied)
     answered = (copied / "predictions.jsonl").read_bytes()
-    after = evaluate.main(
+    after = evaluate(
         EvaluateConfig(
             pairs=2,
             points=3000,
@@ -311,9 +311,7 @@ def test_a_killed_run_goes_on_and_keeps_what_it_had(tmp_path):
 
 def test_an_absent_data_set_is_one_line_and_exit_code_2(tmp_path, capsys):
     arguments = ["benchmark=3dmatch", f"data={tmp_path}", f"output_dir={tmp_path / 'run'}"]
-    code = command.run(
-        "evaluate", EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, arguments=arguments
-    )
+    code = command.run("evaluate", EvaluateConfig, evaluate, arguments=arguments)
     message = capsys.readouterr().err
     assert (code, message.count("\n")) == (2, 1)
     assert "https://3dmatch.cs.princeton.edu" in message
@@ -366,9 +364,7 @@ def test_unknown_adapters_and_options_are_named(variant, message):
 
 
 def test_misspelt_option_is_one_line_and_exit_code_2(capsys):
-    code = command.run(
-        "evaluate", EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, arguments=["pair=3"]
-    )
+    code = command.run("evaluate", EvaluateConfig, evaluate, arguments=["pair=3"])
     assert code == 2
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -380,9 +376,8 @@ def test_an_option_of_the_wrong_kind_is_refused_by_name():
 
 def test_help_is_instant_in_that_it_imports_nothing_heavy():
     script = (
-        "import sys, evaluate; from skipnet import command; "
-        "command.run('evaluate', evaluate.EvaluateConfig, evaluate.main, evaluate.CONFIG_DIR, "
-        "arguments=['pair=3']); "
+        "import sys; from skipnet.commands import evaluate; "
+        "evaluate.main(['pair=3']); "
         "print([m for m in ('torch', 'open3d', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)

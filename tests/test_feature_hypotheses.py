@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
-from skipnet.geometry import (
-    invert,
-    make_transform,
-    pose_error,
-    random_rotation,
-    transform_points,
-)
-from skipnet.registration.feature_hypotheses import from_corners, from_edges
+from skipnet.geometry import invert, make_transform, pose_error, random_rotation, transform_points
+from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
 from skipnet.skipmap.skipmap import build_skipmap
 from skipnet.types import FeatureClass
 

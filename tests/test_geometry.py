@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from skipnet.geometry import (
-    bounds,
-    central_moments,
-    rotation_from_vector,
-)
+from skipnet.clouds.statistics import bounds, central_moments
+from skipnet.geometry import rotation_from_vector
 
 
 @pytest.fixture(params=[np.float32, np.float64])

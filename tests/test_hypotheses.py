@@ -7,14 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skipnet.geometry import make_transform, pose_error, random_rotation, transform_points
-from skipnet.registration.hypotheses import (
-    NO_HYPOTHESES,
-    Hypotheses,
-    best_rotations,
-    concatenate,
-    fit_transforms,
-    from_correspondences,
-)
+from skipnet.registration.hypotheses.correspondences import from_correspondences
+from skipnet.registration.hypotheses.fitting import best_rotations, fit_transforms
+from skipnet.registration.hypotheses.hypotheses import NO_HYPOTHESES, Hypotheses, concatenate
 
 
 def random_motion(rng, scale_m=5.0):

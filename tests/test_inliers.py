@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skipnet.benchmark.factories import make_pair_set
-from skipnet.benchmark.inliers import FPFH, compare, main, table
-from skipnet.benchmark.misses import count_inliers
-from skipnet.clouds.ply import write_ply
-from skipnet.config import EvaluateConfig
+from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.running.contestants import make_pair_set
+from skipnet.clouds.formats.ply import write_ply
 from skipnet.geometry import invert
-from skipnet.learning.descriptor import SHIPPED_WEIGHTS, load_descriptor
-from skipnet.learning.descriptor_scores import by_fpfh
-from skipnet.registration.scans import describe
+from skipnet.metrics.correspondences import by_fpfh
+from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor
+from skipnet.scans.scan import describe
+from skipnet.studies.inliers import FPFH, compare, main, table
+from skipnet.studies.misses import count_inliers
 
 
 @pytest.fixture(scope="module")
@@ -72,18 +72,18 @@ def test_a_scan_without_surfaces_is_named(pairs):
 def test_without_a_viewpoint_fpfh_has_sides_all_the_same(pairs, monkeypatch):
     seen = []
     monkeypatch.setattr(
-        "skipnet.benchmark.inliers.by_fpfh",
+        "skipnet.studies.inliers.by_fpfh",
         lambda scans, keypoints: seen.append(scans) or by_fpfh(scans, keypoints),
     )
     monkeypatch.setattr(
-        "skipnet.benchmark.inliers.describe", lambda clouds, _: describe(clouds, (None, None))
+        "skipnet.studies.inliers.describe", lambda clouds, _: describe(clouds, (None, None))
     )
     compare(pairs[:1], {"ours": load_descriptor()})
     assert seen and all(scan.viewpoint_m is not None for scan in (seen[0].source, seen[0].target))
 
 
 def test_a_folder_without_pairs_is_refused(tmp_path):
-    command = [sys.executable, "-m", "skipnet.benchmark.inliers", str(tmp_path)]
+    command = [sys.executable, "-m", "skipnet.studies.inliers", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True)
     assert run.returncode == 2
     assert "pairs.json" in run.stderr and "Traceback" not in run.stderr

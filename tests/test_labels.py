@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import make_transform, random_rotation
-from skipnet.learning.labels import (
+from skipnet.simulation.scanning.scanner import SCANNERS
+from skipnet.simulation.scenes.scenes import make_scene, place_sensors
+from skipnet.training.data.labels import (
     LabelRule,
     VisibleSurface,
     beam_density,
@@ -15,8 +17,6 @@ from skipnet.learning.labels import (
     sample_scene,
     visible_surface,
 )
-from skipnet.simulation.scanner import SCANNERS
-from skipnet.simulation.scenes import make_scene, place_sensors
 from skipnet.types import FeatureClass
 
 VOXEL_M = 0.1
@@ -186,7 +186,7 @@ def test_beam_density_sums_to_all_beams(name: str) -> None:
 
 
 def test_beams_on_a_surface_are_those_that_a_scan_sends_there() -> None:
-    from skipnet.simulation.scanner import scan
+    from skipnet.simulation.scanning.scanner import scan
 
     scene = make_scene("closed", 0)
     T_world_sensor = make_transform(np.eye(3), np.array([0.0, 0.0, 1.5]))

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from skipnet.learning.dataset import Recipe, Samples, make_samples, thin
-from skipnet.learning.experiment import draw_evenly, split_at_random
-from skipnet.learning.network import (
+from skipnet.metrics.classes import confusion_matrix, f1_per_class, macro_f1
+from skipnet.parallel.pools import mapping
+from skipnet.training.data.labelled import Recipe, Samples, make_samples, thin
+from skipnet.training.experiments.classes_alone import draw_evenly, split_at_random
+from skipnet.training.experiments.peers import predict_with_peers
+from skipnet.training.networks.perceptron import (
     Classifier,
     PatchNetwork,
     classify,
@@ -21,17 +24,10 @@ from skipnet.learning.network import (
     round_to_half,
     save_classifier,
 )
-from skipnet.learning.optimizers import ScaledConjugateGradient
-from skipnet.learning.peers import predict_with_peers
-from skipnet.learning.scores import confusion_matrix, f1_per_class, macro_f1, score
-from skipnet.learning.training import (
-    EpochRecord,
-    StoppingRules,
-    TrainingSet,
-    matlab_cross_entropy,
-    train_network,
-)
-from skipnet.processes import mapping
+from skipnet.training.optimizers import ScaledConjugateGradient
+from skipnet.training.scores import score
+from skipnet.training.task import TrainingSet, matlab_cross_entropy
+from skipnet.training.trainer import EpochRecord, StoppingRules, train_network
 
 OPTIMIZERS = {
     "adam": (partial(torch.optim.Adam, lr=0.01), torch.float32),

@@ -8,7 +8,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
 from skipnet.benchmark.datasets.pairset import move_source
-from skipnet.benchmark.metrics import (
+from skipnet.benchmark.options import ProtocolKind
+from skipnet.benchmark.scoring.protocols import PROTOCOLS, right_by_rule
+from skipnet.geometry import make_transform, rotation_from_vector, transform_points
+from skipnet.metrics.poses import (
     MISSING_POSE,
     axis_errors_m,
     inlier_ratio,
@@ -17,9 +20,6 @@ from skipnet.benchmark.metrics import (
     success_rate,
     wilson_interval,
 )
-from skipnet.benchmark.protocols import PROTOCOLS, right_by_rule
-from skipnet.config import ProtocolKind
-from skipnet.geometry import make_transform, rotation_from_vector, transform_points
 from skipnet.types import Pair
 
 POINTS_M = np.array([[1.0, 0.0, 5.0], [2.0, 0.5, 5.0], [-3.0, 1.0, 0.0]])

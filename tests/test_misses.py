@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.benchmark.factories import make_pair_set
-from skipnet.benchmark.misses import HEADERS, find_misses, main
-from skipnet.benchmark.predictions import Prediction, append_prediction
-from skipnet.benchmark.runner import PREDICTIONS_FILE, write_config
-from skipnet.config import EvaluateConfig
+from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.running.contestants import make_pair_set
+from skipnet.benchmark.running.runner import PREDICTIONS_FILE
+from skipnet.benchmark.scoring.predictions import Prediction, append_prediction
 from skipnet.geometry import make_transform
+from skipnet.storage import write_config
+from skipnet.studies.misses import HEADERS, find_misses, main
 
 
 def run_folder(folder, shift_m):

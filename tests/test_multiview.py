@@ -16,17 +16,10 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.multiview import (
-    Link,
-    balance,
-    closure_m,
-    place,
-    register_many,
-    solve,
-    spanning_tree,
-)
-from skipnet.registration.report import poses_json, scans_page
-from skipnet.simulation.pairs import simulate_pair, simulate_scans
+from skipnet.projects.graph import Link, balance, closure_m, place, solve, spanning_tree
+from skipnet.projects.project import register_many
+from skipnet.results.project import poses_json, scans_page
+from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from skipnet.learning.optimizers import ScaledConjugateGradient
+from skipnet.training.optimizers import ScaledConjugateGradient
 
 
 def minimise(function, start: Tensor, steps: int, **options) -> tuple[Tensor, list[float]]:

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from skipnet.benchmark.datasets import overlapping
 from skipnet.benchmark.datasets.overlapping import KINDS, goal_overlap, make_pair, overlapping_pairs
 from skipnet.geometry import transform_points
-from skipnet.simulation.figures import HEIGHT_M, turn_figure
-from skipnet.simulation.views import DEVICES, in_cone, look_around
+from skipnet.simulation.scanning.figures import HEIGHT_M, turn_figure
+from skipnet.simulation.scanning.views import DEVICES, in_cone, look_around
 
 KIND_OF = {kind.name: kind for kind in KINDS}
 

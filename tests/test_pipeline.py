@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import skipnet
-from skipnet.config import Generator, RegistrationConfig
 from skipnet.geometry import (
     invert,
     make_transform,
@@ -19,7 +18,8 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.simulation.scanning.pairs import simulate_pair
 
 ROOT = Path(__file__).parents[1]
 MAX_ROTATION_DEG, MAX_SHIFT_M = 0.01, 1e-4  # within these two poses count as the same
@@ -126,7 +126,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_the_same_pose(result
 
 def test_the_number_of_threads_does_not_matter(tmp_path):
     code = (
-        "import skipnet, hashlib; from skipnet.simulation.pairs import simulate_pair;"
+        "import skipnet, hashlib; from skipnet.simulation.scanning.pairs import simulate_pair;"
         "p = simulate_pair('paper_room', 4, points=20_000).pair;"
         "r = skipnet.register(p.source_m, p.target_m);"
         "print(hashlib.sha256(r.T_target_source.tobytes()).hexdigest(), r.confidence)"

@@ -7,7 +7,7 @@ import pytest
 
 from skipnet.features.primitives import Planes
 from skipnet.geometry import make_transform, random_rotation, rotation_angle_rad
-from skipnet.registration.plane_hypotheses import from_planes
+from skipnet.registration.hypotheses.planes import from_planes
 
 VOXEL_M = 0.1
 AXES = np.concatenate([np.eye(3), -np.eye(3)])

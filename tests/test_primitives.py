@@ -9,7 +9,7 @@ import pytest
 
 from skipnet.features.primitives import find_planes
 from skipnet.geometry import random_rotation
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
 NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])

@@ -13,18 +13,15 @@ import pytest
 import scipy.linalg  # noqa: F401  # has a BLAS of its own, which only counts once it is loaded
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from skipnet import processes
-from skipnet.config import Generator, RegistrationConfig
-from skipnet.learning import descriptor
-from skipnet.processes import (
-    THREAD_VARIABLES,
-    environment,
-    mapping,
-    one_blas_thread,
-    worker_pool,
-)
-from skipnet.registration import pipeline, scans
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.networks import describing
+from skipnet.networks.catalog import load_descriptor
+from skipnet.parallel import threads
+from skipnet.parallel.pools import THREAD_VARIABLES, environment, mapping, worker_pool
+from skipnet.parallel.threads import one_blas_thread
+from skipnet.registration import pipeline
+from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.scans import scan as scans
+from skipnet.simulation.scanning.pairs import simulate_pair
 
 
 def threads_of_blas(size: int) -> tuple[int, list[int]]:
@@ -116,7 +113,7 @@ def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) 
 
     watched(scans, "build_tree")
     watched(pipeline, "shortlist")
-    watched(descriptor, "choose_keypoints")
+    watched(describing, "choose_keypoints")
     pair = simulate_pair("paper_room", 1, points=20_000).pair
     with threadpool_limits(2, user_api="blas"):
         config = RegistrationConfig(generators=[Generator.descriptors])
@@ -124,28 +121,28 @@ def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) 
         assert seen == dict.fromkeys(("build_tree", "shortlist", "choose_keypoints"), {1})
         seen.clear()
         source, target = scans.describe((pair.source_m, pair.target_m), ("auto", "auto"))
-        network = descriptor.load_descriptor()
-        descriptor.correspond(source.skipmap, target.skipmap, network)
+        network = load_descriptor()
+        describing.correspond(source.skipmap, target.skipmap, network)
         assert seen == dict.fromkeys(("build_tree", "choose_keypoints"), {1})
         seen.clear()
-        descriptor.describe_keypoints(source.skipmap, network)
+        describing.describe_keypoints(source.skipmap, network)
         assert seen == {"choose_keypoints": {1}}
 
 
 def test_calls_side_by_side_come_back_in_order_whoever_makes_them(monkeypatch):
     expected = [number + 10 * number for number in range(40)]
     for count in (1, 2, 8):
-        monkeypatch.setattr(processes, "processors", lambda count=count: count)
+        monkeypatch.setattr(threads, "processors", lambda count=count: count)
         columns = range(40), range(0, 400, 10)
-        assert processes.side_by_side(lambda a, b: a + b, *columns) == expected
-        assert processes.side_by_side(lambda a: a, []) == []
+        assert threads.side_by_side(lambda a, b: a + b, *columns) == expected
+        assert threads.side_by_side(lambda a: a, []) == []
 
 
 def test_calls_side_by_side_may_make_others_though_all_helpers_are_busy():
     def outer(number):
-        return sum(processes.side_by_side(lambda inner: number * inner, range(5)))
+        return sum(threads.side_by_side(lambda inner: number * inner, range(5)))
 
-    assert processes.side_by_side(outer, range(30)) == [10 * number for number in range(30)]
+    assert threads.side_by_side(outer, range(30)) == [10 * number for number in range(30)]
 
 
 @pytest.mark.parametrize("wrong", [0, 1, 7])
@@ -156,19 +153,19 @@ def test_an_error_side_by_side_is_raised(wrong):
         return number
 
     with pytest.raises(ValueError, match=f"call {wrong}"):
-        processes.side_by_side(call, range(8))
+        threads.side_by_side(call, range(8))
     all_wrong = [wrong] * 6
     with pytest.raises(ValueError, match="first"):
-        processes.side_by_side(
+        threads.side_by_side(
             lambda place, number: call(number) if place else int("first"), range(6), all_wrong
         )
-    assert processes.side_by_side(call, range(8, 12)) == [8, 9, 10, 11]
+    assert threads.side_by_side(call, range(8, 12)) == [8, 9, 10, 11]
 
 
 def test_two_long_calls_side_by_side_run_at_the_same_time(monkeypatch):
-    monkeypatch.setattr(processes, "processors", lambda: 2)
+    monkeypatch.setattr(threads, "processors", lambda: 2)
     here = Barrier(2)
-    assert processes.side_by_side(lambda _: here.wait(timeout=20) >= 0, range(2)) == [True, True]
+    assert threads.side_by_side(lambda _: here.wait(timeout=20) >= 0, range(2)) == [True, True]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
@@ -176,12 +173,12 @@ def test_a_forked_child_gets_helpers_of_its_own():
     script = """
 import os
 from threading import Barrier
-from skipnet import processes
-processes.processors = lambda: 2
-print(processes.side_by_side(abs, range(4)), flush=True)
+from skipnet.parallel import threads
+threads.processors = lambda: 2
+print(threads.side_by_side(abs, range(4)), flush=True)
 if os.fork() == 0:
     here = Barrier(2)  # only two threads get past it
-    print(processes.side_by_side(lambda _: here.wait(timeout=20) >= 0, range(2)), flush=True)
+    print(threads.side_by_side(lambda _: here.wait(timeout=20) >= 0, range(2)), flush=True)
     os._exit(0)
 os.wait()
 """

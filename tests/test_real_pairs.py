@@ -9,7 +9,7 @@ import pytest
 
 import skipnet
 from skipnet.benchmark.datasets import folder_pairs
-from skipnet.benchmark.metrics import score_pose
+from skipnet.metrics.poses import score_pose
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data" / "real"
 SETS = ("libpm_tutorial", "jsanchez_room", "eth_tls_facade")

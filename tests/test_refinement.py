@@ -13,9 +13,9 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.refinement import refine
-from skipnet.registration.sliding import holds, is_weak
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.registration.alignment.refinement import refine
+from skipnet.registration.judging.sliding import holds, is_weak
+from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
 SIZES_M = (0.4, 0.2, 0.1)

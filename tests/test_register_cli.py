@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skipnet.clouds.formats import read_points, write_ply
+from skipnet.clouds.formats.reading import read_points, write_ply
 from skipnet.geometry import invert, pose_error, transform_points
-from skipnet.simulation.pairs import simulate_pair, simulate_scans
+from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
 
 ROOT = Path(__file__).parents[1]
 PAIR_FILES = {"result.json", "aligned.ply", "before_after.png", "report.html"}
@@ -179,7 +179,7 @@ def test_help_and_errors_load_neither_torch_nor_open3d(tmp_path, arguments):
 def test_help_names_every_option(tmp_path):
     from dataclasses import fields
 
-    from skipnet.config import RegisterConfig
+    from skipnet.commands.register import RegisterConfig
 
     page = register_py(tmp_path, "--help").stdout
     assert [field.name for field in fields(RegisterConfig) if f"{field.name}:" not in page] == []

@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.geometry import (
-    make_transform,
-    principal_frame,
-    random_rotation,
-    transform_points,
-)
+from skipnet.clouds.statistics import principal_frame
+from skipnet.geometry import make_transform, random_rotation, transform_points
 from skipnet.skipmap.resolution import MIN_POINTS_PER_VOXEL, TARGET_VOXELS, choose_voxel_size
 from skipnet.skipmap.tree import build_tree
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.registration.refinement import Refinement
+from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration.findings import Findings
+from skipnet.registration.judging.judge import Score
 from skipnet.registration.settling import firmest_first
-from skipnet.registration.verdict import Findings, decide
-from skipnet.registration.verification import Score
+from skipnet.registration.verdict import decide
 
 
 def alignment_of(held_shares):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import transform_points
-from skipnet.simulation.pairs import simulate_pair, simulate_scans
-from skipnet.simulation.scenes import FAMILIES
+from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
+from skipnet.simulation.scenes.scenes import FAMILIES
 
 WITH_FLAT_SURFACES = [family for family in FAMILIES if family != "terrain"]
 

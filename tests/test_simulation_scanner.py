@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import transform_points
-from skipnet.simulation.scanner import SCANNERS, find_scanner, scan
-from skipnet.simulation.scenes import FAMILIES, make_scene, place_sensors
+from skipnet.simulation.scanning.scanner import SCANNERS, find_scanner, scan
+from skipnet.simulation.scenes.scenes import FAMILIES, make_scene, place_sensors
 
 WITH_FLAT_SURFACES = [family for family in FAMILIES if family != "terrain"]
 

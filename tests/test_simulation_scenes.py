@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.simulation import furniture
-from skipnet.simulation.placement import (
+from skipnet.simulation.scenes import furniture
+from skipnet.simulation.scenes.placement import (
     GAP_M,
     Station,
     contains,
@@ -14,9 +14,9 @@ from skipnet.simulation.placement import (
     separation_m,
     square_m,
 )
-from skipnet.simulation.rooms import Opening, Wall, rectangle, reveals, wall_face
-from skipnet.simulation.scenes import FAMILIES, Scene, is_free, make_scene, place_sensors
-from skipnet.simulation.shapes import (
+from skipnet.simulation.scenes.rooms import Opening, Wall, rectangle, reveals, wall_face
+from skipnet.simulation.scenes.scenes import FAMILIES, Scene, is_free, make_scene, place_sensors
+from skipnet.simulation.scenes.shapes import (
     box,
     convex_polygon,
     cylinder,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import MIN_WIDTH, build_skipmap, skipmap_of_tree
 from skipnet.skipmap.tree import build_tree
 

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import make_transform, random_rotation
-from skipnet.registration.refinement import refine
-from skipnet.registration.sliding import (
-    MIN_DETERMINED,
-    holds_against,
-    moves_freely,
-    slide,
-)
-from skipnet.registration.verification import build_evidence
+from skipnet.registration.alignment.refinement import refine
+from skipnet.registration.judging.sliding import MIN_DETERMINED, holds_against, moves_freely, slide
+from skipnet.scans.evidence import build_evidence
 from skipnet.skipmap.skipmap import build_skipmap
 
 VOXEL_M = 0.15

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import invert, make_transform, pose_error, rotation_from_vector
-from skipnet.registration.refinement import Refinement
-from skipnet.registration.scans import describe
-from skipnet.registration.sparse_refinement import refine_sparse, thin
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration.alignment.sparse import refine_sparse
+from skipnet.scans.scan import describe
+from skipnet.scans.sparse import thin
+from skipnet.simulation.scanning.pairs import simulate_pair
 
 SIZE_M = 0.12
 

@@ -11,17 +11,11 @@ import numpy as np
 import pytest
 
 from skipnet.benchmark.methods import Estimate
-from skipnet.benchmark.speed import (
-    Measurement,
-    measure,
-    middle,
-    peak_bytes,
-    run_speed,
-    simulate_size,
-)
-from skipnet.benchmark.speed_report import exponents, summarise
-from skipnet.config import EvaluateConfig, SpeedConfig
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.benchmark.options import EvaluateConfig, SpeedConfig
+from skipnet.benchmark.reporting.speed_report import exponents, summarise
+from skipnet.benchmark.running.speed import measure, middle, peak_bytes, run_speed, simulate_size
+from skipnet.benchmark.scoring.measurement import Measurement
+from skipnet.simulation.scanning.pairs import simulate_pair
 
 SIZES = [2000, 4000]
 
@@ -104,7 +98,7 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
         timed.append((about.size, about.seed, about.method))
         return measure(method, pair, about)
 
-    monkeypatch.setattr("skipnet.benchmark.speed.measure", remembered)
+    monkeypatch.setattr("skipnet.benchmark.running.speed.measure", remembered)
     config = EvaluateConfig(
         benchmark="speed",
         pairs=2,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import skipnet
-from skipnet.clouds.formats import read_points, write_ply
-from skipnet.config import RegistrationConfig
+from skipnet.clouds.formats.reading import read_points, write_ply
 from skipnet.geometry import pose_error, transform_points
-from skipnet.registration import files
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.registration.options import RegistrationConfig
+from skipnet.results import files
+from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.streaming import thin_chunks
 from skipnet.skipmap.tree import build_tree
 

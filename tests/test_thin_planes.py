@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.registration.refinement import Refinement
-from skipnet.registration.thin_planes import find_thin_planes, heap_beside, lay_on_planes
+from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration.alignment.thin_planes import find_thin_planes, heap_beside, lay_on_planes
 
 SIZE_M, UP = 0.12, np.array([0.0, 0.0, 1.0])
 

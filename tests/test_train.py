@@ -9,9 +9,9 @@ import pytest
 import torch
 import yaml
 
-from skipnet import command
-from skipnet.config import TrainConfig
-from train import CONFIG_DIR, main
+from skipnet.commands.hydra_app import CONFIG_DIR
+from skipnet.commands.train import main
+from skipnet.training.options import TrainConfig
 
 SMALL = [
     "experiment=classes",
@@ -23,7 +23,7 @@ SMALL += ["data.families=[closed]", "data.workers=1", "data.most_per_class=25"]
 
 
 def train(*arguments: str) -> int:
-    return command.run("train", TrainConfig, main, CONFIG_DIR, arguments=arguments)
+    return main(arguments)
 
 
 @pytest.fixture(scope="module")

@@ -12,14 +12,10 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.range_image import build_range_image, octahedral_bin
-from skipnet.registration.verification import (
-    build_evidence,
-    distinct,
-    judge,
-    shortlist,
-)
-from skipnet.simulation.pairs import simulate_pair
+from skipnet.registration.judging.judge import distinct, judge, shortlist
+from skipnet.scans.evidence import build_evidence
+from skipnet.scans.range_image import build_range_image, octahedral_bin
+from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
 VOXEL_M = 0.2

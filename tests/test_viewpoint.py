@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import transform_points
-from skipnet.registration.viewpoint import (
+from skipnet.scans.viewpoint import (
     MAX_HIDDEN_SHARE,
     MIN_FALLOFF,
     density_falloff,
     find_viewpoint,
     hidden_share,
 )
-from skipnet.simulation.figures import turn_figure
-from skipnet.simulation.pairs import simulate_pair
-from skipnet.simulation.scenes import FAMILIES
+from skipnet.simulation.scanning.figures import turn_figure
+from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.scenes.scenes import FAMILIES
 from skipnet.skipmap.skipmap import build_skipmap
 
 ORIGIN_M = np.zeros(3)

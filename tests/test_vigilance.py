@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.benchmark.accuracy import bound_m
-from skipnet.benchmark.vigilance import (
+from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.studies.accuracy import bound_m
+from skipnet.studies.vigilance import (
     OPEN,
     POSITIVES,
     SAME_SHELL,
@@ -17,7 +18,6 @@ from skipnet.benchmark.vigilance import (
     table,
     try_case,
 )
-from skipnet.simulation.pairs import simulate_pair
 
 
 def test_half_of_the_negatives_share_a_shell_and_no_scene_meets_itself():

@@ -4,3 +4,5 @@
 for each, ``runner`` the predictions. ``metrics`` and ``protocols`` say what is right, ``scoring``
 and ``summary`` give the figures, ``report`` the pages that people read, ``events`` TensorBoard.
 """
+
+from __future__ import annotations

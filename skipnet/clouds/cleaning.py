@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from skipnet.clouds.statistics import as_floats, central_moments
 from skipnet.compiled import compiled
-from skipnet.geometry import as_floats, central_moments
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 # Points on a line leave the rotation about it free; their spread across it is rounding alone.

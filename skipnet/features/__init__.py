@@ -1,1 +1,3 @@
 """What single voxels show: patches, primitives, descriptors."""
+
+from __future__ import annotations

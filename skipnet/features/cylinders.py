@@ -13,13 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.compiled import compiled
-from skipnet.features.frames import (
-    Level,
-    level_of,
-    outer_products,
-    runs_around,
-    tangent_frames,
-)
+from skipnet.features.frames import Level, level_of, outer_products, runs_around, tangent_frames
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skipnet.registration.scans import Scan
-from skipnet.registration.verdict import Findings, Verdict, decide
+from skipnet.registration.findings import Findings
+from skipnet.registration.verdict import Verdict, decide
+from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray
 
 

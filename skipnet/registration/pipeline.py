@@ -6,20 +6,23 @@ import numpy as np
 import numpy.typing as npt
 
 from skipnet.clouds.cleaning import denoise
-from skipnet.config import Generator, RegistrationConfig
-from skipnet.features.descriptors import fpfh, mutual_nearest
+from skipnet.features.fpfh import fpfh
+from skipnet.features.matching import mutual_nearest
 from skipnet.geometry import invert
-from skipnet.learning.descriptor import correspond, load_descriptor
-from skipnet.processes import one_blas_thread, side_by_side
+from skipnet.networks.catalog import load_descriptor
+from skipnet.networks.describing import correspond
+from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.registration.answer import Answer
-from skipnet.registration.feature_hypotheses import from_corners, from_edges
-from skipnet.registration.hypotheses import Hypotheses, from_correspondences
-from skipnet.registration.plane_hypotheses import from_planes, from_slides
-from skipnet.registration.scans import Scan, Viewpoint, check_viewpoint, checked, describe
+from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
+from skipnet.registration.hypotheses.correspondences import from_correspondences
+from skipnet.registration.hypotheses.hypotheses import Hypotheses
+from skipnet.registration.hypotheses.planes import from_planes, from_slides
+from skipnet.registration.judging.judge import shortlist
+from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import Verdict
-from skipnet.registration.verification import shortlist
+from skipnet.scans.scan import Scan, Viewpoint, check_viewpoint, checked, describe
 from skipnet.skipmap.tree import Cloud, SkipTree, check_voxel_size, points_of
 from skipnet.types import Registration
 

@@ -6,23 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from skipnet.config import RegistrationConfig
+from skipnet.registration.alignment.refinement import Refinement, refine
+from skipnet.registration.alignment.sparse import refine_sparse
+from skipnet.registration.alignment.thin_planes import lay_on_planes
 from skipnet.registration.answer import Answer
-from skipnet.registration.closer_look import look_closer
-from skipnet.registration.refinement import Refinement, refine
-from skipnet.registration.scans import Scan
-from skipnet.registration.sliding import (
-    MIN_DETERMINED,
-    holds,
-    holds_against,
-    is_weak,
-    moves_freely,
-    slide,
-)
-from skipnet.registration.sparse_refinement import refine_sparse
-from skipnet.registration.thin_planes import lay_on_planes
-from skipnet.registration.verdict import Findings, decide
-from skipnet.registration.verification import (
+from skipnet.registration.findings import Findings
+from skipnet.registration.judging.closer_look import look_closer
+from skipnet.registration.judging.judge import (
     FINE,
     HOPELESS,
     ROUGH,
@@ -32,6 +22,17 @@ from skipnet.registration.verification import (
     distinct,
     judge,
 )
+from skipnet.registration.judging.sliding import (
+    MIN_DETERMINED,
+    holds,
+    holds_against,
+    is_weak,
+    moves_freely,
+    slide,
+)
+from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.verdict import decide
+from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, IntArray
 
 AMBIGUOUS_LEAD = 0.1

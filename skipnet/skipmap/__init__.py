@@ -1,1 +1,3 @@
 """Voxels with additive moments: the skip-tree and the Skip-map."""
+
+from __future__ import annotations

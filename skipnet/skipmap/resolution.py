@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skipnet.clouds.statistics import principal_frame
 from skipnet.compiled import compiled
-from skipnet.geometry import invert, make_transform, principal_frame, transform_points
-from skipnet.processes import side_by_side
+from skipnet.geometry import invert, make_transform, transform_points
+from skipnet.parallel.threads import side_by_side
 from skipnet.skipmap.cells import halve_steps, occupied_cells, pack, unpack
 from skipnet.skipmap.grouping import CELL_MAX, NO_ROWS, distinct_keys
 from skipnet.types import FloatArray, IntArray

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from skipnet.geometry import as_floats, bounds
+from skipnet.clouds.statistics import as_floats, bounds
 from skipnet.skipmap.grouping import CELL_MAX
 from skipnet.skipmap.tree import SkipTree, build_tree, merge_trees
 from skipnet.types import FloatArray

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skipnet.geometry import as_floats, bounds, make_transform, transform_points
+from skipnet.clouds.statistics import as_floats, bounds
+from skipnet.geometry import make_transform, transform_points
 from skipnet.skipmap.cells import cells_of, group_by_cell, halve, pack, unpack
 from skipnet.skipmap.grouping import CELL_MAX, CELL_MIN, group_keys
 from skipnet.skipmap.moments import Moments, add_up, sum_groups

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from skipnet.benchmark.datasets.pairset import PairSet
-from skipnet.config import DisturbanceConfig
+from skipnet.benchmark.options import DisturbanceConfig
 from skipnet.geometry import transform_points
-from skipnet.types import BoolArray, FloatArray, Pair
+from skipnet.simulation.scanning.degrading import beyond, thin_and_shake
+from skipnet.types import Pair
 
 
 def disturbed_pairs(pair_set: PairSet, disturbances: Sequence[DisturbanceConfig]) -> PairSet:
@@ -49,23 +50,8 @@ def disturb(pair: Pair, noise_m: float = 0.0, keep: float = 1.0, crop: float = 0
     if crop > 0:
         direction = rng.standard_normal(3)
         source_in_target_m = transform_points(pair.T_target_source, source_m)
-        source_m = source_m[_beyond(source_in_target_m @ direction, crop)]
-        target_m = target_m[_beyond(target_m @ -direction, crop)]
-    source_m, target_m = (_thin_and_shake(p, keep, noise_m, rng) for p in (source_m, target_m))
+        source_m = source_m[beyond(source_in_target_m @ direction, crop)]
+        target_m = target_m[beyond(target_m @ -direction, crop)]
+    source_m, target_m = (thin_and_shake(p, keep, noise_m, rng) for p in (source_m, target_m))
     overlap = pair.overlap if crop == 0 else None
     return replace(pair, source_m=source_m, target_m=target_m, overlap=overlap)
-
-
-def _beyond(along_m: FloatArray, share: float) -> BoolArray:
-    """(N,) whether a point is not among the ``share`` with the smallest values."""
-    return along_m >= np.quantile(along_m, share)
-
-
-def _thin_and_shake(
-    points_m: FloatArray, keep: float, noise_m: float, rng: np.random.Generator
-) -> FloatArray:
-    if keep < 1:
-        points_m = points_m[rng.random(len(points_m)) < keep]
-    if noise_m > 0:
-        points_m = points_m + rng.normal(0, noise_m, points_m.shape)
-    return points_m

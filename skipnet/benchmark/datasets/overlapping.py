@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.benchmark.datasets.pairset import PairSet
-from skipnet.benchmark.metrics import measured_overlap
+from skipnet.metrics.poses import measured_overlap
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray, Pair
 
@@ -96,7 +96,7 @@ def make_pair(kind: Kind, seed: int, overlap: float, name: str) -> Pair:
 
 def _scene(kind: Kind, seed: int) -> tuple[Clouds, float]:
     """A scene from two sides, and the turn by which these lie apart at most."""
-    from skipnet.simulation import figures, views
+    from skipnet.simulation.scanning import figures, views
 
     if kind.family == "figure":
         table = figures.turn_figure(seed)

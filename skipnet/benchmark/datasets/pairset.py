@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skipnet.checks import check_known
 from skipnet.geometry import invert, make_transform, random_rotation, transform_points
 from skipnet.types import FloatArray, Pair
 
@@ -123,14 +123,6 @@ def move_source(pair: Pair, seed: int, turn: bool, shift_m: float) -> Pair:
         T_target_source=pair.T_target_source @ invert(T_moved_source),
         information=_turned(pair.information, rotation),
     )
-
-
-def check_known(option: str, given: str, known: tuple[str, ...]) -> None:
-    """Raise a ValueError with the nearest choice for one that does not exist."""
-    if given not in known:
-        near = difflib.get_close_matches(given, known, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise ValueError(f"{option}={given}: {hint}expected one of {', '.join(known)}")
 
 
 def _turned(information: FloatArray | None, rotation: FloatArray) -> FloatArray | None:

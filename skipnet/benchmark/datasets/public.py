@@ -9,8 +9,8 @@ from pathlib import Path
 from skipnet.benchmark.datasets import fragments, kitti, stations
 from skipnet.benchmark.datasets.listed import list_pairs
 from skipnet.benchmark.datasets.pairset import Listed, PairSet, move_source, select
-from skipnet.clouds.formats import read_points
-from skipnet.config import DatasetKind, ProtocolKind
+from skipnet.benchmark.options import DatasetKind, ProtocolKind
+from skipnet.clouds.formats.reading import read_points
 from skipnet.types import FloatArray, Pair
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from skipnet.benchmark.datasets.pairset import PairSet, check_known
+from skipnet.benchmark.datasets.pairset import PairSet
+from skipnet.checks import check_known
 from skipnet.types import Pair
 
 
@@ -27,9 +28,9 @@ def simulated_pairs(
         rotation: "yaw" keeps the second scanner upright, "any" turns it freely.
         points: beams per scan; None takes the scanner's own number.
     """
-    from skipnet.simulation.pairs import ROTATIONS, simulate_pair
-    from skipnet.simulation.scanner import SCANNERS
-    from skipnet.simulation.scenes import AMBIGUOUS_FAMILIES, FAMILIES
+    from skipnet.simulation.scanning.pairs import ROTATIONS, simulate_pair
+    from skipnet.simulation.scanning.scanner import SCANNERS
+    from skipnet.simulation.scenes.scenes import AMBIGUOUS_FAMILIES, FAMILIES
 
     if count < 1:
         raise ValueError(f"pairs={count}: expected at least one simulated pair")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from skipnet.benchmark.datasets.pairset import Listed
-from skipnet.clouds.formats import SUPPORTED
+from skipnet.clouds.formats.reading import SUPPORTED
 from skipnet.geometry import invert
 from skipnet.types import FloatArray
 

@@ -11,7 +11,6 @@ import importlib
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -90,17 +89,6 @@ def make_method(adapter: str, options: Mapping[str, Any] | None = None) -> Metho
             f"adapter {adapter!r} cannot take {dict(options or {})}: {error}"
         ) from error
     return method
-
-
-def require(package: str, pip_name: str) -> ModuleType:
-    """Import an optional package, or stop with the command that installs it."""
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        raise ImportError(
-            f"this method needs the package {package} ({error}); "
-            f"install it with: pip install {pip_name}"
-        ) from error
 
 
 def _check_options(adapter: str, make: Callable[..., Method], options: Mapping[str, Any]) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from skipnet.benchmark.methods import Estimate, Method, Task, require
+from skipnet.benchmark.methods import Estimate, Method, Task
+from skipnet.checks import require_package
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray
 
@@ -33,7 +34,7 @@ def make(
         max_iterations: upper bound of the iterations.
         tolerance: it stops when fitness and inlier RMSE both change by less than this share.
     """
-    o3d = require("open3d", "open3d")
+    o3d = require_package("open3d", "open3d")
     registration = o3d.pipelines.registration
     criteria = registration.ICPConvergenceCriteria(tolerance, tolerance, max_iterations)
     point_to_point = registration.TransformationEstimationPointToPoint()

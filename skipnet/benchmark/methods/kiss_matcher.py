@@ -6,8 +6,9 @@ import time
 
 import numpy as np
 
-from skipnet.benchmark.methods import Estimate, Method, Task, require
+from skipnet.benchmark.methods import Estimate, Method, Task
 from skipnet.benchmark.methods.small_gicp import refine
+from skipnet.checks import require_package
 from skipnet.geometry import make_transform
 
 SMALLEST_VOXEL_M = 0.005
@@ -28,8 +29,8 @@ def make(
         raise ValueError(
             f"voxel_size_m={voxel_size_m}: KISS-Matcher needs at least {SMALLEST_VOXEL_M} m"
         )
-    kiss_matcher = require("kiss_matcher", "kiss-matcher")
-    small_gicp = require("small_gicp", "small_gicp") if fine else None
+    kiss_matcher = require_package("kiss_matcher", "kiss-matcher")
+    small_gicp = require_package("small_gicp", "small_gicp") if fine else None
     fine_m = voxel_size_m / 2 if fine_voxel_size_m is None else fine_voxel_size_m
 
     def run(task: Task) -> Estimate:

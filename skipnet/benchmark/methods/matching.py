@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from skipnet.benchmark.methods import Estimate, Method, Task, require
+from skipnet.benchmark.methods import Estimate, Method, Task
 from skipnet.benchmark.methods.icp import to_cloud
 from skipnet.benchmark.methods.open3d import refine_to_planes
-from skipnet.features.descriptors import fpfh, mutual_nearest
+from skipnet.checks import require_package
+from skipnet.features.fpfh import fpfh
+from skipnet.features.matching import mutual_nearest
 from skipnet.geometry import transform_points
-from skipnet.learning.descriptor import (
-    SHIPPED_WEIGHTS,
-    Descriptor,
-    correspond,
-    load_descriptor,
-)
-from skipnet.registration.hypotheses import fit_transforms, from_correspondences
+from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor
+from skipnet.networks.describing import correspond
+from skipnet.networks.numpy_network import Descriptor
+from skipnet.registration.hypotheses.correspondences import from_correspondences
+from skipnet.registration.hypotheses.fitting import fit_transforms
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
 from skipnet.skipmap.tree import build_tree
@@ -48,7 +48,7 @@ def make(
         max_correspondences: the best of them enter the compatibility graph.
         weights: file of the learned one's weights; None takes those that ship.
     """
-    o3d = require("open3d", "open3d")
+    o3d = require_package("open3d", "open3d")
     if descriptor not in DESCRIPTORS:
         raise ValueError(f"descriptor={descriptor}: expected one of {', '.join(DESCRIPTORS)}")
     learned = load_descriptor(Path(weights) if weights else SHIPPED_WEIGHTS)

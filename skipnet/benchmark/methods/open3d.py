@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from skipnet.benchmark.methods import Estimate, Method, Task, require
+from skipnet.benchmark.methods import Estimate, Method, Task
 from skipnet.benchmark.methods.icp import to_cloud
+from skipnet.checks import require_package
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray
 
@@ -41,7 +42,7 @@ def make(
         confidence: probability of a good draw at which RANSAC stops earlier.
         seed: of the search; with one thread the same seed gives the same pose.
     """
-    o3d = require("open3d", "open3d")
+    o3d = require_package("open3d", "open3d")
     criteria = o3d.pipelines.registration.RANSACConvergenceCriteria(max_iterations, confidence)
     searches: dict[str, Callable[[Described, Described, float], FloatArray]] = {
         "ransac": lambda source, target, size_m: _ransac(o3d, source, target, size_m, criteria),

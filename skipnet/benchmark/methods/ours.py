@@ -33,7 +33,7 @@ def make(
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    from skipnet.config import RegistrationConfig
+    from skipnet.registration.options import RegistrationConfig
     from skipnet.registration.pipeline import register
     from skipnet.skipmap.resolution import choose_voxel_size
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from skipnet.benchmark.methods import Estimate, Method, Task, require
+from skipnet.benchmark.methods import Estimate, Method, Task
+from skipnet.checks import require_package
 from skipnet.types import FloatArray
 
 REACH_VOXELS = 4.0
@@ -21,7 +22,7 @@ def make(voxel_size_m: float = 0.25, threads: int = 1) -> Method:
         voxel_size_m: size of the voxels that thin the clouds.
         threads: threads it may use.
     """
-    small_gicp = require("small_gicp", "small_gicp")
+    small_gicp = require_package("small_gicp", "small_gicp")
 
     def run(task: Task) -> Estimate:
         """Answer one task."""

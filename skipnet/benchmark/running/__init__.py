@@ -1,0 +1,1 @@
+"""Methods at work: each in a process of its own, or timed in turns."""

@@ -1,0 +1,194 @@
+"""The run: every method answers every pair once, then the answers are scored and reported.
+
+Predictions go to ``predictions.jsonl`` as they come. A run in the same folder again predicts only
+what is missing, so a killed run goes on where it stopped and a finished one takes further pairs or
+methods.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.methods import Estimate, Task
+from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.reporting.report import Results, write_report
+from skipnet.benchmark.running.contestants import (
+    Contestant,
+    describe,
+    group_of,
+    make_contestants,
+    make_pair_set,
+    protocol_of,
+)
+from skipnet.benchmark.scoring.predictions import (
+    Prediction,
+    append_prediction,
+    read_predictions,
+    save_correspondences,
+)
+from skipnet.benchmark.scoring.scoring import (
+    Scorer,
+    best_of_groups,
+    choose_variants,
+    score_predictions,
+)
+from skipnet.storage import write_config
+from skipnet.types import FloatArray, Pair
+
+PREDICTIONS_FILE = "predictions.jsonl"
+
+
+def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
+    """Predict, score and report; everything is written into ``config.output_dir``.
+
+    Returns:
+        The summary, as in summary.json.
+
+    Raises:
+        ValueError: for settings that do not fit, or a folder that holds another run's predictions.
+        ImportError: when a chosen method's package is missing.
+    """
+    folder = Path(config.output_dir)
+    pair_set, contestants = make_pair_set(config), make_contestants(config)
+    path = folder / PREDICTIONS_FILE
+    check_same_settings(path, contestants)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_config(config, folder / "config.yaml")
+    predict(pair_set, contestants, path, progress)
+    print("scoring and drawing ...", file=progress)
+    predictions = read_predictions(path)
+    labels = {contestant.name: contestant.label for contestant in contestants}
+    scorer = Scorer(protocol_of(config), folder, config.inlier_distance_m)
+    rows = score_predictions(pair_set, list(labels), predictions, scorer)
+    chosen = choose_variants(rows, group_of(config))
+    labels |= {group: group for group, _ in chosen}
+    results = Results(
+        about=describe(config) | {"all calls took": duration(p.time_s for p in predictions)},
+        rows=[*rows, *best_of_groups(rows, chosen)],
+        predictions=predictions,
+        labels=labels,
+        pair_set=pair_set,
+        scorer=scorer,
+        chosen=chosen,
+        worst=config.worst,
+    )
+    summary = write_report(results, folder)
+    print(f"see {folder / 'report.html'}", file=progress)
+    return summary
+
+
+def duration(times_s: Iterable[float]) -> str:
+    """The sum in words.
+
+    >>> duration([30.0, 60.0])
+    '1.5 min'
+    """
+    return f"{sum(times_s) / 60:.1f} min"
+
+
+def check_same_settings(path: Path, contestants: Iterable[Contestant]) -> None:
+    """Raise a ValueError if the file has answers of one of these methods under other settings."""
+    hash_of = {contestant.name: contestant.settings_hash for contestant in contestants}
+    for prediction in read_predictions(path):
+        if prediction.settings_hash != hash_of.get(prediction.method, prediction.settings_hash):
+            raise ValueError(
+                f"{path} has answers of {prediction.method} under other settings: "
+                f"choose another output_dir, or remove the file"
+            )
+
+
+def predict(
+    pair_set: PairSet, contestants: list[Contestant], path: Path, progress: TextIO = sys.stderr
+) -> None:
+    """Append to ``path`` the answer of every contestant to every pair for which it has none yet."""
+    known = {(p.pair, p.method): p for p in read_predictions(path)}
+    todo = [
+        index
+        for index, name in enumerate(pair_set.names)
+        if any((name, c.name) not in known for c in contestants)
+    ]
+    if len(todo) < len(pair_set):
+        print(f"{len(pair_set) - len(todo)} pairs were answered before", file=progress)
+    started = time.perf_counter()
+    for done, index in enumerate(todo):
+        name = pair_set.names[index]
+        pair = pair_set.load(index)
+        print(f"[{index + 1}/{len(pair_set)}] {name}", end="", file=progress, flush=True)
+        for contestant in contestants:
+            if (name, contestant.name) in known:
+                continue
+            start = known.get((name, contestant.start_from))
+            prediction = answer(contestant, pair, start, path.parent)
+            append_prediction(path, prediction)
+            known[name, contestant.name] = prediction
+            word = "raised" if prediction.error else prediction.status
+            print(f" | {contestant.name}: {word}, {prediction.time_s:.2f} s", end="", file=progress)
+            progress.flush()
+        left_s = (time.perf_counter() - started) / (done + 1) * (len(todo) - done - 1)
+        print(f" | about {left_s / 60:.0f} min left", file=progress)
+
+
+def answer(
+    contestant: Contestant, pair: Pair, start: Prediction | None, folder: Path
+) -> Prediction:
+    """One contestant's answer to one pair; an exception becomes a failure with its reason.
+
+    Args:
+        contestant: the method.
+        pair: of which the method sees all but the truth.
+        start: the prediction whose coarse pose the method starts from; needed if it has
+            ``start_from``.
+        folder: takes the correspondences of a method that has some.
+    """
+    failed = Prediction(pair.name, contestant.name, contestant.settings_hash, time_s=0.0)
+    task = Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
+    if contestant.start_from:
+        T_start = start.pose("coarse") if start is not None else None
+        if T_start is None:
+            return replace(
+                failed, error=f"{contestant.start_from} gave no coarse pose to start from"
+            )
+        task = replace(task, T_target_source_start=T_start)
+    started = time.perf_counter()
+    try:
+        estimate = contestant.run(task)
+        # A child's start and the way of the points to it are not the method's time.
+        time_s = time.perf_counter() - started if estimate.time_s is None else estimate.time_s
+        prediction = replace(failed, time_s=time_s, **_fields(estimate))
+        if estimate.correspondences is None:
+            return prediction
+        return save_correspondences(folder, prediction, *estimate.correspondences)
+    except Exception as error:
+        time_s = time.perf_counter() - started
+        return replace(failed, time_s=time_s, error=f"{type(error).__name__}: {error}")
+
+
+def _fields(estimate: Estimate) -> dict[str, Any]:
+    return {
+        "stage_s": dict(estimate.stage_s),
+        "timings_s": dict(estimate.timings_s),
+        "T_target_source": _matrix(estimate.T_target_source),
+        "T_target_source_coarse": _matrix(estimate.T_target_source_coarse),
+        "status": estimate.status,
+        "confidence": estimate.confidence,
+        "lead": estimate.lead,
+        "reason": estimate.reason,
+    }
+
+
+def _matrix(T_target_source: FloatArray | None) -> list[list[float]] | None:
+    """Nested lists for JSON; a pose of another shape or with NaN is an error of the method."""
+    if T_target_source is None:
+        return None
+    matrix = np.asarray(T_target_source, dtype=np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise ValueError(f"the method gave no pose: expected a finite 4x4 matrix, got {matrix}")
+    return [[float(value) for value in row] for row in matrix]

@@ -1,0 +1,240 @@
+"""Time and memory against the number of points: ``python evaluate.py benchmark=speed``.
+
+The same simulated scenes are scanned with more and more points. All methods run in one process, one
+after the other on the same scans, in an order that turns around from run to run, so that what else
+the machine does meets all of them alike. Memory is measured apart, each time in a process of
+its own: freed memory stays with a process, and a second method would find it there.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from skipnet.benchmark.methods import Method, Task, make_method
+from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.scoring.measurement import Measurement
+from skipnet.geometry import pose_error
+from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.scenes.scenes import check_families
+from skipnet.types import FloatArray, Pair
+
+MEASUREMENTS_FILE = "measurements.jsonl"
+_WARM_UP_POINTS = 5000
+"""Each method registers so small a pair first: what it imports late does not count."""
+_PROBE_BEAMS = 20_000
+_BYTES_PER_RSS_UNIT = 1 if sys.platform == "darwin" else 1024
+
+
+def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
+    """Measure all chosen methods at all sizes and write the report into ``config.output_dir``.
+
+    Returns:
+        The content of summary.json.
+
+    Raises:
+        ValueError: settings that do not fit, or a folder with the measurements of another run: what
+            was timed then does not compare with what would be timed now.
+        ImportError: when a chosen method's package is missing.
+    """
+    from skipnet.benchmark.reporting.speed_report import write_speed_report
+    from skipnet.storage import write_config
+
+    path = Path(config.output_dir) / MEASUREMENTS_FILE
+    _check(config, path)
+    folder = path.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    write_config(config, folder / "config.yaml")
+    measured = []
+    with open(path, "w", encoding="utf-8") as file:
+        for measurement in measure_all(config):
+            measured.append(measurement)
+            file.write(json.dumps(asdict(measurement)) + "\n")
+            file.flush()
+            print(_line(measurement), file=progress)
+    summary = write_speed_report(config, measured, folder)
+    print(f"see {folder / 'report.html'}", file=progress)
+    return summary
+
+
+def _check(config: EvaluateConfig, path: Path) -> None:
+    """Refuse what cannot be measured, before anything is."""
+    check_families(config.speed.families)
+    for name in config.methods:
+        before = config.variants[name].start_from
+        if before:
+            raise ValueError(
+                f"methods: {name} starts from the pose of {before}, and benchmark=speed times "
+                f"whole methods: leave it out"
+            )
+    most = max(_most_points(config, name) for name in config.methods)
+    if config.speed.points[0] > most:
+        raise ValueError(
+            f"speed.points: the smallest of {config.speed.points} is above {most:g}, the largest "
+            f"size in speed.most_points of any method: choose smaller ones or more methods"
+        )
+    if path.exists():
+        raise ValueError(f"{path} has the measurements of another run: choose another output_dir")
+
+
+def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
+    """Every method on every pair of every family and size, small sizes first."""
+    for family in config.speed.families:
+        methods = {name: make_method(*_recipe(config, name, family)) for name in config.methods}
+        small = simulate_size(family, config.seed, _WARM_UP_POINTS)
+        for name, method in methods.items():
+            measure(
+                method, small, Measurement(family, _WARM_UP_POINTS, name, config.seed, 0, 0, False)
+            )
+        for size in config.speed.points:
+            names = [name for name in config.methods if size <= _most_points(config, name)]
+            for turn in range(config.pairs):
+                seed = config.seed + turn
+                pair = simulate_size(family, seed, size)
+                runs: dict[str, list[Measurement]] = {name: [] for name in names}
+                for repeat in range(config.speed.repeats):
+                    for name in names if (turn + repeat) % 2 == 0 else reversed(names):
+                        about = Measurement(family, size, name, seed, 0, 0, False)
+                        runs[name].append(measure(methods[name], pair, about))
+                for name in names:
+                    found = middle(runs[name])
+                    if turn == 0 and config.speed.memory:
+                        recipe = _recipe(config, name, family)
+                        found = replace(found, extra_bytes=peak_bytes(recipe, pair, small))
+                    yield found
+
+
+def simulate_size(family: str, seed: int, points: int) -> Pair:
+    """Two scans of a scene with about so many points each: as many beams as that takes.
+
+    Before a facade half of all beams meet nothing. A scan of few beams tells what share returns.
+    """
+    probe = simulate_pair(family, seed, points=_PROBE_BEAMS).pair
+    returned = (len(probe.source_m) + len(probe.target_m)) / 2
+    return simulate_pair(family, seed, points=round(points * _PROBE_BEAMS / returned)).pair
+
+
+def middle(runs: Sequence[Measurement]) -> Measurement:
+    """The run of the middle time among repeated ones, of two the longer.
+
+    It is right if all are, and has the error of the first that failed.
+    """
+    found = sorted(runs, key=lambda run: run.time_s)[len(runs) // 2]
+    error = next((run.error for run in runs if run.error), "")
+    return replace(found, is_right=all(run.is_right for run in runs), error=error)
+
+
+def measure(method: Method, pair: Pair, about: Measurement) -> Measurement:
+    """Time one call; an exception becomes an answer that is wrong, with its reason."""
+    found = replace(
+        about,
+        is_right=False,
+        points=len(pair.source_m) + len(pair.target_m),
+        input_bytes=pair.source_m.nbytes + pair.target_m.nbytes,
+    )
+    task = _task(pair)
+    started = time.perf_counter()
+    try:
+        estimate = method(task)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        return replace(found, time_s=time.perf_counter() - started, error=reason)
+    time_s = time.perf_counter() - started
+    rotation_rad, translation_m = pose_error(estimate.T_target_source, pair.T_target_source)
+    is_right = (
+        rotation_rad < pair.success_rotation_rad and translation_m < pair.success_translation_m
+    )
+    stages_s = dict(estimate.timings_s or estimate.stage_s)
+    return replace(found, time_s=time_s, is_right=is_right, stages_s=stages_s)
+
+
+def _task(pair: Pair) -> Task:
+    return Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
+
+
+def peak_bytes(recipe: tuple[str, Mapping[str, Any]], pair: Pair, small: Pair) -> int | None:
+    """Peak memory of one call beyond its input, in a process of its own; None if it died.
+
+    Args:
+        recipe: adapter and options of the method.
+        pair: to register.
+        small: registered before, so that modules loaded late do not count.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"{name}.npy" for name in ("source", "target")]
+        np.save(paths[0], pair.source_m)
+        np.save(paths[1], pair.target_m)
+        viewpoints_m = pair.source_viewpoint_m, pair.target_viewpoint_m
+        arguments = recipe, paths, viewpoints_m, _task(small), theirs
+        child = context.Process(target=_report_peak, args=arguments)
+        child.start()
+        theirs.close()
+        try:
+            extra: int | None = ours.recv()
+        except EOFError:
+            extra = None
+        child.join()
+    return extra
+
+
+def _report_peak(
+    recipe: tuple[str, Mapping[str, Any]],
+    paths: list[Path],
+    viewpoints_m: tuple[FloatArray | None, FloatArray | None],
+    small: Task,
+    pipe: Connection,
+) -> None:
+    """The child: how far the peak of resident memory rises above where it stood before the call."""
+    method = make_method(*recipe)
+    method(small)
+    task = Task(np.load(paths[0]), np.load(paths[1]), *viewpoints_m)
+    before = _memory_bytes()[0]
+    method(task)
+    pipe.send(max(_memory_bytes()[1] - before, 0))
+
+
+def _memory_bytes() -> tuple[int, int]:
+    """Resident memory of this process, now and at its peak; on other systems than Linux the peak.
+
+    Linux's own figures, because ``getrusage`` lets a child start at its parent's peak.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        now, peak = (int(lines[name].split()[0]) * 1024 for name in ("VmRSS", "VmHWM"))
+        return now, peak
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _BYTES_PER_RSS_UNIT
+    return peak, peak
+
+
+def _recipe(config: EvaluateConfig, name: str, family: str) -> tuple[str, Mapping[str, Any]]:
+    """Adapter and options of a method for one family."""
+    variant = config.variants[name]
+    options = dict(variant.options)
+    voxel_size_m = config.speed.voxels_m.get(family, {}).get(name)
+    if voxel_size_m is not None:
+        options["voxel_size_m"] = voxel_size_m
+    return variant.adapter, options
+
+
+def _most_points(config: EvaluateConfig, name: str) -> float:
+    return config.speed.most_points.get(name, np.inf)
+
+
+def _line(found: Measurement) -> str:
+    outcome = found.error or ("right" if found.is_right else "wrong")
+    size = f"{found.family} {found.size:,} points, scene {found.seed}"
+    return f"{size} | {found.method}: {found.time_s:.3f} s, {outcome}"

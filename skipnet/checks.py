@@ -1,0 +1,62 @@
+"""What is checked before any work is done: ranges, names, packages."""
+
+from __future__ import annotations
+
+import importlib
+from difflib import get_close_matches
+from pathlib import Path
+from types import ModuleType
+
+
+def require(condition: bool, option: str, value: object, expected: str) -> None:
+    """Raise a ValueError that names the option, what was given and what is expected.
+
+    >>> require(False, "seed", -1, "a whole number of at least 0")
+    Traceback (most recent call last):
+    ...
+    ValueError: seed=-1: expected a whole number of at least 0
+    """
+    if not condition:
+        raise ValueError(f"{option}={value}: expected {expected}")
+
+
+def check_known(option: str, given: str, known: tuple[str, ...]) -> None:
+    """Raise a ValueError with the nearest choice for one that does not exist."""
+    if given not in known:
+        near = get_close_matches(given, known, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise ValueError(f"{option}={given}: {hint}expected one of {', '.join(known)}")
+
+
+def require_package(package: str, pip_name: str) -> ModuleType:
+    """Import an optional package, or stop with the command that installs it."""
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ImportError(
+            f"this method needs the package {package} ({error}); "
+            f"install it with: pip install {pip_name}"
+        ) from error
+
+
+def missing_package(path: Path, package: str) -> ModuleNotFoundError:
+    return ModuleNotFoundError(
+        f"{path}: reading {path.suffix} needs the package {package}: pip install 'skipnet[formats]'"
+    )
+
+
+def check_viewpoint(option: str, value: object) -> None:
+    """A viewpoint is "auto", None (unknown), or the sensor's position [x, y, z] in metres."""
+    is_position = (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(number, int | float) for number in value)
+    )
+    require(value is None or value == "auto" or is_position, option, value, "auto, null or [x,y,z]")
+
+
+def suggestion(given: str, known: tuple[str, ...]) -> str:
+    """The end of an error message: the name that may have been meant, and all names there are."""
+    close = get_close_matches(given, known, n=1)
+    meant = f"did you mean {close[0]!r}? " if close else ""
+    return f"; {meant}expected one of {', '.join(known)}"

@@ -1,0 +1,1 @@
+"""Files of points: one file per format, one reader for all."""

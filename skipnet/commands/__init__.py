@@ -1,0 +1,1 @@
+"""The commands: options, overrides, errors, and one function for each door."""

@@ -1,0 +1,143 @@
+"""What all commands share: a Hydra task whose user errors are one clear line, not a traceback.
+
+Hydra composes ``configs/NAME.yaml`` with the overrides of the command line. Keys are checked
+against the schema *before* that, because Hydra lets ``+key`` pass silently and answers a misspelt
+one with a page.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from string import Template
+from typing import TypeVar
+
+from skipnet.commands.errors import EXIT_BAD_INPUT, EXIT_OK, FULL_ERROR, is_user_error, one_line
+from skipnet.commands.overrides import check_overrides
+
+CONFIG_DIR = Path(__file__).parents[1] / "configs"
+"""The YAML files; each folder in it is a config group."""
+Config = TypeVar("Config")
+Result = TypeVar("Result")
+
+
+def run(
+    name: str,
+    schema: type[Config],
+    task: Callable[[Config], Result],
+    exit_code: Callable[[Result], int] = lambda result: EXIT_OK,
+    arguments: Sequence[str] | None = None,
+    config_dir: Path = CONFIG_DIR,
+) -> int:
+    """Run ``task`` on the configuration that the command line describes.
+
+    Args:
+        name: of the script; its Hydra config is ``config_dir/NAME.yaml``, which lists
+            ``NAME_schema`` first in its defaults.
+        schema: dataclass of the options; made anew from the composed values, so that its
+            ``__post_init__`` checks the ranges.
+        task: one library function behind a thin wrapper.
+        exit_code: what the task's result means for the shell.
+        arguments: overrides and Hydra flags; default: those of the process.
+        config_dir: folder of the YAML files; its folders are config groups.
+
+    Returns:
+        The exit code: 2 for bad input, after one line on stderr; otherwise ``exit_code(result)``,
+        and the highest of them after a sweep (``--multirun``), whose runs get a folder each,
+        numbered from 0, as their ``output_dir``.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        flags = check_overrides(arguments, schema, config_dir)
+        if flags.help:
+            print(_help(name, schema, config_dir, flags.overrides))
+            return EXIT_OK
+        return _run_hydra(name, schema, task, config_dir, exit_code, arguments)
+    except Exception as error:
+        if not is_user_error(error) or os.environ.get(FULL_ERROR) == "1":
+            raise
+        print(f"{name}: {one_line(error)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+
+
+def _help(name: str, schema: type, config_dir: Path, overrides: Sequence[str]) -> str:
+    """What Hydra would answer to ``--help``, in half the time: it looks through its plugins first.
+
+    The template is ``hydra.help.template`` of the script's YAML file.
+    """
+    from hydra import compose, initialize_config_dir
+    from hydra.core.config_store import ConfigStore
+    from omegaconf import OmegaConf
+
+    ConfigStore.instance().store(name=f"{name}_schema", node=schema)
+    with initialize_config_dir(str(config_dir.resolve()), version_base="1.3"):
+        composed = compose(name, list(overrides), return_hydra_config=True)
+    own = OmegaConf.masked_copy(composed, [str(key) for key in composed if key != "hydra"])
+    groups = {
+        folder.name: ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
+        for folder in sorted(config_dir.iterdir())
+        if folder.is_dir()
+    }
+    return Template(composed.hydra.help.template).substitute(
+        APP_CONFIG_GROUPS="".join(f"{group}: {names}\n" for group, names in groups.items()),
+        CONFIG=OmegaConf.to_yaml(own),
+    )
+
+
+def _run_hydra(
+    name: str,
+    schema: type[Config],
+    task: Callable[[Config], Result],
+    config_dir: Path,
+    exit_code: Callable[[Result], int],
+    arguments: list[str],
+) -> int:
+    import hydra
+    from hydra.core.config_store import ConfigStore
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+    from omegaconf import DictConfig, OmegaConf
+
+    ConfigStore.instance().store(name=f"{name}_schema", node=schema)
+    outcome: list[int | Exception] = []
+
+    def job(composed: DictConfig) -> None:
+        """One run: what Hydra calls, once, or once per combination of a sweep."""
+        in_sweep = HydraConfig.get().mode is RunMode.MULTIRUN
+        if in_sweep and "output_dir" in composed:
+            composed.output_dir = HydraConfig.get().runtime.output_dir
+        try:
+            config = OmegaConf.to_object(composed)
+            outcome.append(exit_code(task(config)))  # type: ignore[arg-type]
+        except Exception as error:
+            # Hydra would print a line of its own about a failed job; in a sweep it must know of it.
+            if in_sweep or not is_user_error(error):
+                raise
+            outcome.append(error)
+
+    decorate = hydra.main(
+        version_base="1.3", config_path=str(config_dir.resolve()), config_name=name
+    )
+    with _hydra_raises(arguments):
+        decorate(job)()
+    for result in outcome:
+        if isinstance(result, Exception):
+            raise result
+    return max((code for code in outcome if isinstance(code, int)), default=EXIT_OK)
+
+
+@contextmanager
+def _hydra_raises(arguments: list[str]) -> Iterator[None]:
+    """Set what Hydra reads: ``sys.argv``, and HYDRA_FULL_ERROR=1 so that it raises errors."""
+    saved_arguments, saved_environment = sys.argv, dict(os.environ)
+    sys.argv = [sys.argv[0], *arguments]
+    os.environ[FULL_ERROR] = "1"
+    try:
+        yield
+    finally:
+        sys.argv = saved_arguments
+        if FULL_ERROR not in saved_environment:
+            del os.environ[FULL_ERROR]

@@ -1,0 +1,109 @@
+"""Bring scans into one frame: ``skipnet register source=a.ply target=b.ply output_dir=out``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skipnet.checks import check_viewpoint, require
+from skipnet.commands import hydra_app
+from skipnet.commands.errors import EXIT_NOT_REGISTERED, EXIT_OK
+from skipnet.registration.options import RegistrationConfig
+
+if TYPE_CHECKING:
+    from skipnet.projects.project import MultiviewResult
+    from skipnet.types import Registration
+
+
+@dataclass
+class RegisterConfig:
+    """Options of ``register.py``: two scans, many scans, or none: a simulated pair."""
+
+    source: str | None = None
+    """The scan to move (.ply .pcd .xyz .txt .csv .npy .npz .las .laz .e57), in metres."""
+    target: str | None = None
+    """The scan that stays."""
+    scans: list[str] = field(default_factory=list)
+    """Two or more scans to bring into the frame of the first, instead of source and target."""
+    output_dir: str = "runs/register"
+    """Where the results are written, relative to where the user stands; made when missing."""
+    source_viewpoint: Any = "auto"
+    """Sensor position in the source's frame: auto (find out), null (unknown) or [x,y,z] in m."""
+    target_viewpoint: Any = "auto"
+    """Sensor position in the target's frame: auto (find out), null (unknown) or [x,y,z] in m."""
+    voxel_size_m: float | None = None
+    """Voxel edge length in metres; null chooses it from the data."""
+    seed: int = 0
+    """Seed of every random choice: the same input and seed give the same bits."""
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    """How to register."""
+
+    def __post_init__(self) -> None:
+        check_viewpoint("source_viewpoint", self.source_viewpoint)
+        check_viewpoint("target_viewpoint", self.target_viewpoint)
+        require(self.seed >= 0, "seed", self.seed, "a whole number of at least 0")
+        size_m = self.voxel_size_m
+        fits = size_m is None or 0 < size_m < math.inf
+        require(fits, "voxel_size_m", size_m, "metres above 0, or null")
+        self._check_inputs()
+
+    def _check_inputs(self) -> None:
+        if (self.source is None) != (self.target is None):
+            given = "source" if self.target is None else "target"
+            raise ValueError(f"only {given} was given: give source=FILE and target=FILE together")
+        if self.scans and self.source is not None:
+            raise ValueError("scans=[...] and source=/target= exclude each other: give only one")
+        if self.scans and (self.source_viewpoint, self.target_viewpoint) != ("auto", "auto"):
+            raise ValueError(
+                "source_viewpoint and target_viewpoint are for two scans: with scans=[...] all "
+                "viewpoints are found out; leave them out"
+            )
+        require(len(self.scans) != 1, "scans", self.scans, "at least two files")
+        require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
+
+    @property
+    def inputs(self) -> list[Path]:
+        """The files to read, in the order given; empty when a pair is to be simulated."""
+        if self.source is not None and self.target is not None:
+            return [Path(self.source), Path(self.target)]
+        return [Path(scan) for scan in self.scans]
+
+
+def register(config: RegisterConfig) -> Registration | MultiviewResult:
+    """Register what the options name, write the results and return them.
+
+    Raises:
+        FileNotFoundError: an input is missing; said before anything slow is imported.
+    """
+    for path in config.inputs:
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: no such file")
+    from skipnet.results import files
+
+    choices = files.Choices(
+        config.source_viewpoint,
+        config.target_viewpoint,
+        config.voxel_size_m,
+        config.seed,
+        config.registration,
+    )
+    folder = Path(config.output_dir)
+    if config.scans:
+        return files.register_scan_files(config.inputs, folder, choices)
+    if config.inputs:
+        source, target = config.inputs
+        return files.register_pair_files(source, target, folder, choices)
+    return files.register_simulated_pair(folder, choices)
+
+
+def exit_code(result: Registration | MultiviewResult) -> int:
+    """0 when registered, 3 when ambiguous or failed."""
+    return EXIT_OK if result.status == "registered" else EXIT_NOT_REGISTERED
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command: its exit code."""
+    return hydra_app.run("register", RegisterConfig, register, exit_code, arguments)

@@ -1,0 +1,53 @@
+"""Mutual nearest neighbours among descriptors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skipnet.types import FloatArray, IntArray
+
+_BLOCK = 256
+"""Rows compared at a time: their distances to all others stay in the processor's cache."""
+
+
+def factors_of_squared_distances(
+    source: FloatArray, target: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(V, D + 2) and (D + 2, W), whose product holds all squared distances of (V, D) and (W, D).
+
+    |s - t|^2 = |s|^2 - 2 s.t + |t|^2 as one product of rows with two more columns.
+    """
+    ones_s, ones_t = (np.ones((len(rows), 1), np.float32) for rows in (source, target))
+    squared_s, squared_t = ((rows**2).sum(axis=1, keepdims=True) for rows in (source, target))
+    left = np.concatenate([-2 * source, squared_s, ones_s], axis=1)
+    return left, np.concatenate([target, ones_t, squared_t], axis=1).T
+
+
+def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """Pairs of descriptors that are each other's nearest.
+
+    Args:
+        source: (V, D) descriptors.
+        target: (W, D) descriptors.
+
+    Returns:
+        (K,) rows of the source, (K,) rows of the target, and (K,) their descriptors' distances.
+    """
+    if len(source) == 0 or len(target) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32)
+    left, right = factors_of_squared_distances(source, target)
+    forward = np.empty(len(source), dtype=np.int64)
+    nearest_s = np.empty(len(source), dtype=np.float32)
+    nearest_t = np.full(len(target), np.inf, dtype=np.float32)
+    for start in range(0, len(source), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        squared = left[block] @ right
+        forward[block] = squared.argmin(axis=1)
+        nearest_s[block] = np.take_along_axis(squared, forward[block, None], axis=1)[:, 0]
+        np.minimum(nearest_t, squared.min(axis=0), out=nearest_t)
+    # Both ways' minima come from one matrix: a pair is mutual when they are the same number.
+    mutual = np.flatnonzero(nearest_s == nearest_t[forward])
+    rows_t, first = np.unique(forward[mutual], return_index=True)  # of equal sources the first
+    rows_s, order = np.sort(mutual[first]), np.argsort(mutual[first])
+    rows_t = rows_t[order]
+    return rows_s, rows_t, np.linalg.norm(source[rows_s] - target[rows_t], axis=1)

@@ -1,1 +1,0 @@
-"""What the classifier learns from, the network, and how it is trained and judged."""

@@ -1,0 +1,1 @@
+"""What is measured, defined once: poses, correspondences, classes, calibration."""

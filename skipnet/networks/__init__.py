@@ -1,0 +1,1 @@
+"""Networks as they are used: read patches, describe, classify."""

@@ -1,0 +1,83 @@
+"""A network at work on scans: keypoints described, voxels classified, two scans matched."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skipnet.features.cylinders import choose_keypoints, cylinder_patches, turned_over
+from skipnet.features.matching import mutual_nearest
+from skipnet.features.patches import build_patches
+from skipnet.networks.numpy_network import Descriptor
+from skipnet.parallel.threads import one_blas_thread, side_by_side
+from skipnet.skipmap.skipmap import SkipMap
+from skipnet.types import FloatArray, IntArray
+
+MAX_KEYPOINTS = 2000
+"""Voxels described per scan: more find few further correspondences and cost as much again."""
+KEPT_SHARE = 0.6
+"""Of these, the most matchable are matched: the others give far more wrong matches than right."""
+
+
+@one_blas_thread
+def describe_keypoints(
+    skipmap: SkipMap,
+    descriptor: Descriptor,
+    both_sides: bool = False,
+    max_keypoints: int = MAX_KEYPOINTS,
+) -> tuple[IntArray, FloatArray]:
+    """The voxels of a scan that are likeliest to be recognised in another, and their descriptors.
+
+    Args:
+        skipmap: the scan's Skip-map.
+        descriptor: from ``load_descriptor``.
+        both_sides: describe each voxel with both signs of its normal.
+        max_keypoints: voxels described, the most curved ones; the most matchable are returned.
+
+    Returns:
+        (K,) rows of the Skip-map, a row twice at most if both sides are described, and (K, D).
+    """
+    rows = choose_keypoints(skipmap, max_keypoints)
+    patches = cylinder_patches(skipmap, rows)
+    if both_sides:
+        patches = np.concatenate([patches, turned_over(patches)])
+        rows = np.concatenate([rows, rows])
+    described, matchable = descriptor.read(patches)
+    kept = np.argsort(-matchable, kind="stable")[: int(np.ceil(KEPT_SHARE * len(rows)))]
+    return rows[kept], described[kept]
+
+
+def classify_voxels(skipmap: SkipMap, rows: IntArray, descriptor: Descriptor) -> FloatArray:
+    """(K, 5) probabilities of the classes, in the order of ``FeatureClass``, of (K,) voxels."""
+    return descriptor.classify(build_patches(skipmap, rows), cylinder_patches(skipmap, rows))
+
+
+@one_blas_thread
+def correspond(
+    source: SkipMap,
+    target: SkipMap,
+    descriptor: Descriptor,
+    max_keypoints: int = MAX_KEYPOINTS,
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Voxels of two scans that recognise each other.
+
+    Where a viewpoint is unknown the signs of the normals say nothing: then the target is
+    described with both.
+
+    Args:
+        source: Skip-map of the source.
+        target: Skip-map of the target.
+        descriptor: from ``load_descriptor``.
+        max_keypoints: voxels described per scan, see ``describe_keypoints``.
+
+    Returns:
+        (C,) rows of the source, (C,) rows of the target and (C,) distances between their
+        descriptors: 0 equal, 2 opposed.
+    """
+    unknown = source.viewpoint_m is None or target.viewpoint_m is None
+    (rows_s, described_s), (rows_t, described_t) = side_by_side(
+        lambda scan, both: describe_keypoints(scan, descriptor, both, max_keypoints),
+        (source, target),
+        (False, unknown),
+    )
+    of_source, of_target, distance = mutual_nearest(described_s, described_t)
+    return rows_s[of_source], rows_t[of_target], distance

@@ -1,0 +1,1 @@
+"""Threads, process pools and executors."""

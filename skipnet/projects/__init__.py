@@ -1,0 +1,1 @@
+"""What many scans agree on: which pairs, which links, where each scan stands."""

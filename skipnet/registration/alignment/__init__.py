@@ -1,0 +1,1 @@
+"""Fine alignment: dense scans voxel by voxel, sparse ones by GICP."""

@@ -1,0 +1,147 @@
+"""Fine alignment: ICP on Skip-map voxels with oriented normals, from coarse level to fine.
+
+Each source voxel corresponds to the target voxel it falls into, if their normals agree: the two
+sides of a wall never match. Residuals are taken along the normals (symmetric point-to-plane) and
+weighted by what the voxels' moments say about their own accuracy, so flat, well-filled voxels
+decide and rough ones hardly count. A correspondence is one table lookup; no search tree is built.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.geometry import invert, make_transform, rotation_from_vector
+from skipnet.registration.alignment.normal_equations import Matches, Surfaces, match_surfaces
+from skipnet.skipmap.skipmap import SkipMap
+from skipnet.types import FloatArray, IntArray
+
+MIN_MATCHES = 50
+"""Fewer correspondences at a level say nothing."""
+_FREE = 1e-9
+"""Share of the best held direction's information that any direction is granted."""
+DAMPING_VOXELS = 1.0
+"""Hold, in voxels, with which a pose keeps its place: where the data hold it less, it does not
+drift along on noise."""
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Fine poses of C candidates and how well the data determine each."""
+
+    T_target_source: FloatArray
+    """(C, 4, 4) float64; the starting pose where no level had enough to hold on to."""
+    information: FloatArray
+    """(C, 6, 6) inverse covariance of (rotation about the matched points' centre, translation), in
+    the target's axes, 1/rad^2 and 1/m^2."""
+    matched: IntArray
+    """(C,) correspondences in the last step."""
+    centre_m: FloatArray
+    """(C, 3) centre of the matched points, target frame."""
+    spread_m: FloatArray
+    """(C,) root mean square of their distances from it."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(C, 6, 6) inverse of ``information``; large but finite where nothing holds the pose."""
+        diagonal = np.einsum("cii->ci", self.information)
+        loose = _FREE * np.maximum(diagonal, diagonal.max(axis=1, keepdims=True, initial=1e-12))
+        return np.linalg.inv(self.information + np.eye(6) * loose[..., None])
+
+    def __getitem__(self, rows: IntArray) -> Refinement:
+        """The candidates of some rows."""
+        return Refinement(
+            self.T_target_source[rows],
+            self.information[rows],
+            self.matched[rows],
+            self.centre_m[rows],
+            self.spread_m[rows],
+        )
+
+
+def refine(
+    T_target_source: FloatArray,
+    levels: list[tuple[SkipMap, SkipMap]],
+    samples: int | None = None,
+    max_steps: int = 12,
+    min_normal_cosine: float = 0.85,
+) -> Refinement:
+    """Refine candidate poses over levels of the Skip-map, all candidates at once.
+
+    Args:
+        T_target_source: (C, 4, 4) starting poses, right to about one voxel of the first level.
+        levels: (source, target) Skip-maps, coarse first.
+        samples: voxels of the source to use at each level; None uses all.
+        max_steps: Gauss-Newton steps at each level; it stops when no pose moves any more.
+        min_normal_cosine: smallest cosine between matching normals.
+    """
+    T: FloatArray = np.array(T_target_source, dtype=np.float64)
+    result = _before_any_level(T)
+    for source, target in levels:
+        if min(len(source), len(target)) == 0:
+            continue  # a level without surfaces has no hold
+        rows = _spread_rows(len(source), samples)
+        surfaces = Surfaces.of(source, rows), Surfaces.of(target, slice(None))
+        for _ in range(max_steps):
+            matches = match_surfaces(T, *surfaces, target.table, min_normal_cosine)
+            T, moved_m = _gauss_newton_step(T, matches)
+            if moved_m < 1e-4 * target.voxel_size_m:
+                break
+        result = _keep_tracked(result, T, matches, 1.5 * target.voxel_size_m)
+        T = result.T_target_source
+    return result
+
+
+def _before_any_level(T: FloatArray) -> Refinement:
+    count = len(T)
+    matched = np.zeros(count, dtype=np.int64)
+    return Refinement(T, np.zeros((count, 6, 6)), matched, np.zeros((count, 3)), np.zeros(count))
+
+
+def _keep_tracked(
+    before: Refinement, T: FloatArray, matches: Matches, max_shift_m: float
+) -> Refinement:
+    """Take over a level's poses, but for those that ran away: too sparse a level has no hold."""
+    before_m = apply(before.T_target_source, apply(invert(T), matches.centre_m))
+    shift_m = np.linalg.norm(matches.centre_m - before_m, axis=1)
+    good = (matches.matched >= MIN_MATCHES) & (shift_m < max_shift_m)
+    return Refinement(
+        np.where(good[:, None, None], T, before.T_target_source),
+        np.where(good[:, None, None], matches.information, before.information),
+        np.where(good, matches.matched, before.matched),
+        np.where(good[:, None], matches.centre_m, before.centre_m),
+        np.where(good, matches.spread_m, before.spread_m),
+    )
+
+
+def apply(T_a_b: FloatArray, point_b_m: FloatArray) -> FloatArray:
+    """Map one (C, 3) point by each of (C, 4, 4) transforms."""
+    return np.einsum("cij,cj->ci", T_a_b[:, :3, :3], point_b_m) + T_a_b[:, :3, 3]
+
+
+def _spread_rows(count: int, samples: int | None) -> IntArray | slice:
+    """Evenly spread rows; the tree's order walks through space, so they cover the whole scan."""
+    if samples is None or samples >= count:
+        return slice(None)
+    return np.linspace(0, count - 1, samples).astype(np.int64)
+
+
+def _gauss_newton_step(T: FloatArray, matches: Matches) -> tuple[FloatArray, float]:
+    """Move every pose by its normal equations' solution; directions left free stay put."""
+    diagonal = np.einsum("cii->ci", matches.information)
+    # Mean squared lever of the rotation: what it moves where the normals feel it.
+    weight = diagonal[:, 3:].sum(axis=1, keepdims=True)
+    square_m2 = diagonal[:, :3].sum(axis=1, keepdims=True) / np.maximum(weight, 1e-12)
+    one_voxel = weight / np.maximum(matches.matched[:, None], 1)
+    damping = DAMPING_VOXELS * one_voxel * np.repeat(np.hstack([square_m2, [[1.0]] * len(T)]), 3, 1)
+    damping += 1e-12
+    step = np.linalg.solve(
+        matches.information + np.eye(6) * damping[..., None], matches.gradient[..., None]
+    )[..., 0]
+    rotation = rotation_from_vector(step[:, :3])
+    about_m = matches.centre_m
+    shift_m = about_m - np.einsum("cij,cj->ci", rotation, about_m) + step[:, 3:]
+    turned_m = np.linalg.norm(step[:, :3], axis=1) * np.sqrt(square_m2[:, 0])
+    moved_m = np.linalg.norm(step[:, 3:], axis=1) + turned_m
+    return make_transform(rotation, shift_m) @ T, float(moved_m.max())

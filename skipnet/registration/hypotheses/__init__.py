@@ -1,0 +1,1 @@
+"""Candidate poses from corners, edges, planes and correspondences."""

@@ -1,0 +1,1 @@
+"""One judge for all candidates, whoever proposed them."""

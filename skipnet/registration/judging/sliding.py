@@ -1,0 +1,141 @@
+"""Directions in which few normals hold a pose: the judge finds the place, or finds that none is.
+
+Two rooms through a doorway touch in the door's frame alone. Hardly any surface there faces along
+the wall, yet what each sensor saw past the frame tells where the other room must be. In a corridor
+nothing does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skipnet.geometry import make_transform, rotation_from_vector
+from skipnet.registration.judging.judge import FINE, judge
+from skipnet.scans.evidence import Evidence
+from skipnet.types import BoolArray, FloatArray
+
+MIN_DETERMINED = 0.01
+"""A direction that less than this share of the normals faces is weak: noise can hold it ..."""
+MIN_DETERMINING_VOXELS = 30.0
+"""... and so is one that fewer voxels than this face."""
+STEPS_VOXELS = (np.arange(-8, 9) / 4, np.arange(-5, 6) / 20)
+"""Places to try, from rough to fine."""
+FREE_STEPS_VOXELS = np.array([-3.0, 0.0, 3.0])
+"""A pose that the judge likes as well this far to either side is free."""
+MIN_DROP = 0.1
+"""Share of its score that a pose must lose there to count as held."""
+_PLATEAU = 0.99
+"""Scores that are this near to the best one are equal to it, up to sampling."""
+
+
+def holds(information: FloatArray, matched: int) -> tuple[FloatArray, FloatArray]:
+    """How firmly the matched normals hold the translation, along its three principal directions.
+
+    Args:
+        information: (6, 6) normal matrix of (rotation, translation).
+        matched: correspondences that it sums over.
+
+    Returns:
+        (3,) shares of the matches that face each direction, ascending (they sum to 1; all 0 without
+        matches), and (3, 3) the unit directions in rows.
+    """
+    held = information[3:, 3:]
+    trace = np.trace(held)
+    if matched == 0 or trace <= 0:
+        return np.zeros(3), np.eye(3)
+    share, vectors = np.linalg.eigh(held / trace)
+    return np.clip(share, 0.0, 1.0), vectors.T
+
+
+def is_weak(share: FloatArray, matched: int) -> BoolArray:
+    """Which directions, of these shares of the matches, the normals hold weakly or not at all."""
+    return (share < MIN_DETERMINED) | (share * matched < MIN_DETERMINING_VOXELS)
+
+
+def holds_against(
+    information: FloatArray, matched: int, spread_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """How firmly the matched normals hold a pose against any small motion, turns included.
+
+    A ball that lies on a ball may turn about its middle: no direction in space is free, and yet the
+    pose is not fixed.
+
+    Args:
+        information: (6, 6) normal matrix of (rotation about the matched points' centre,
+            translation).
+        matched: correspondences that it sums over.
+        spread_m: root mean square of the matched points' distances from their centre.
+
+    Returns:
+        (6,) shares of the matches that hold each motion, ascending, as those of ``holds``, and
+        (6, 6) the motions in rows: rotation in radians and translation in metres for about each
+        metre that the matched points move.
+    """
+    weight = np.trace(information[3:, 3:])
+    if matched == 0 or weight <= 0 or spread_m <= 0:
+        return np.zeros(6), np.eye(6)
+    per_lever = np.repeat([1 / spread_m, 1.0], 3)
+    share, motions = np.linalg.eigh(information * np.outer(per_lever, per_lever) / weight)
+    return np.clip(share, 0.0, 1.0), motions.T * per_lever
+
+
+def slide(
+    T_target_source: FloatArray,
+    direction: FloatArray,
+    source: Evidence,
+    target: Evidence,
+    samples: int,
+    violation_weight: float,
+) -> FloatArray:
+    """Move a pose along one direction to the middle of where the judge likes it best.
+
+    Args:
+        T_target_source: (4, 4) pose.
+        direction: (3,) unit vector, target frame.
+        source: the source's evidence.
+        target: the target's evidence.
+        samples: as in ``judge``.
+        violation_weight: as in ``judge``.
+    """
+    for steps_voxels in STEPS_VOXELS:
+        moved = _moved(T_target_source, direction, steps_voxels * target.voxel_size_m)
+        total = judge(moved, source, target, samples, violation_weight, FINE).total
+        good = np.flatnonzero(total >= _PLATEAU * total.max())
+        step_m = steps_voxels[good].mean() * target.voxel_size_m
+        T_target_source = _moved(T_target_source, direction, step_m[None])[0]
+    return T_target_source
+
+
+def moves_freely(
+    motion: FloatArray,
+    T_target_source: FloatArray,
+    centre_m: FloatArray,
+    source: Evidence,
+    target: Evidence,
+    samples: int,
+    violation_weight: float,
+) -> bool:
+    """Whether the judge does not mind a pose being moved a little, to and fro.
+
+    Args:
+        motion: (6,) rotation about the centre and translation, per metre of motion, target frame.
+        T_target_source: (4, 4) pose.
+        centre_m: (3,) target frame.
+        source: the source's evidence.
+        target: the target's evidence.
+        samples: as in ``judge``.
+        violation_weight: as in ``judge``.
+    """
+    steps_m = FREE_STEPS_VOXELS * target.voxel_size_m
+    turns = np.stack([rotation_from_vector(step_m * motion[:3]) for step_m in steps_m])
+    shifts_m = centre_m - turns @ centre_m + steps_m[:, None] * motion[3:]
+    moved = make_transform(turns, shifts_m) @ T_target_source
+    total = judge(moved, source, target, samples, violation_weight, FINE).total
+    return bool(total.max(initial=0.0, where=FREE_STEPS_VOXELS != 0) > (1 - MIN_DROP) * total[1])
+
+
+def _moved(T_target_source: FloatArray, direction: FloatArray, steps_m: FloatArray) -> FloatArray:
+    """(K, 4, 4) the pose moved by each of (K,) steps along the direction."""
+    moved = np.repeat(T_target_source[None], len(steps_m), axis=0)
+    moved[:, :3, 3] += steps_m[:, None] * direction
+    return moved

@@ -1,0 +1,68 @@
+"""Options of the registration: generators, samples, the weights of the judge."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+
+from skipnet.checks import require
+
+
+class Generator(Enum):
+    """Where candidate poses come from."""
+
+    corners = "corners"
+    edges = "edges"
+    planes = "planes"
+    slides = "slides"
+    descriptors = "descriptors"
+    """The learned ones."""
+    fpfh = "fpfh"
+    """Descriptors computed by a fixed rule, for comparison; slower, and Open3D's."""
+
+
+@dataclass
+class RegistrationConfig:
+    """Options of the registration itself; the defaults serve any scan."""
+
+    generators: list[Generator] = field(
+        default_factory=lambda: [
+            Generator.planes,
+            Generator.slides,
+            Generator.descriptors,
+            Generator.fpfh,
+        ]
+    )
+    """Asked in this order; a later one only while the verdict is not clear yet."""
+    denoise: bool = False
+    """Drop outliers first, as the paper does. Effective voxels do without."""
+    denoise_neighbours: int = 4
+    """Nearest neighbours whose mean distance is looked at."""
+    denoise_sigma: float = 1.0
+    """Standard deviations above the mean from which a point is dropped."""
+    same_class_corners: bool = True
+    """Only corners of equal class correspond, as in the paper; false lets any two."""
+    feature_weight: float = 1.0
+    """Weight of edge and corner voxels in the judge, where planes have 1; 1 asks no network."""
+    violation_weight: float = 10.0
+    """How fast voxels in seen free space devalue a pose: 1 / weight of all leave it 37 %."""
+    max_correspondences: int = 1500
+    """Descriptor matches that enter the compatibility graph."""
+    refine_samples: int = 1500
+    """Voxels with which candidates are refined before the final judgement."""
+    final_samples: int = 4000
+    """Voxels of each scan that the final judgement looks at."""
+
+    def __post_init__(self) -> None:
+        require(bool(self.generators), "generators", self.generators, "at least one generator")
+        known = all(isinstance(generator, Generator) for generator in self.generators)
+        require(known, "generators", self.generators, "members of Generator")
+        for name in ("denoise_sigma", "feature_weight", "violation_weight"):
+            value = getattr(self, name)
+            require(0 <= value < math.inf, name, value, "a number of 0 or more")
+        require(self.feature_weight > 0, "feature_weight", self.feature_weight, "above 0")
+        for name in ("max_correspondences", "refine_samples", "final_samples"):
+            require(getattr(self, name) >= 50, name, getattr(self, name), "50 or more")
+        neighbours = self.denoise_neighbours
+        require(neighbours >= 1, "denoise_neighbours", neighbours, "1 or more")

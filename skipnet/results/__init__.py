@@ -1,0 +1,1 @@
+"""Results as people keep them: files, pages, pictures, JSON."""

@@ -1,0 +1,102 @@
+"""What a registration writes for programs (JSON) and for people (one HTML file)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from skipnet.provenance import versions
+from skipnet.storage import plain
+from skipnet.types import Registration
+from skipnet.viz import html
+
+_LONGEST_DETAIL = 200
+
+
+def result_json(result: Registration, inputs: Mapping[str, str], seed: int) -> str:
+    """``result.json``: every field of the result, transforms as lists, and where it came from."""
+    content = {
+        **registration_fields(result),
+        "inputs": dict(inputs),
+        "seed": seed,
+        "versions": versions(),
+    }
+    return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
+
+
+def pair_page(result: Registration, inputs: Mapping[str, str], png: bytes, seed: int) -> str:
+    """``report.html`` of a pair.
+
+    Args:
+        result: of the registration.
+        inputs: "source" and "target" with their descriptions.
+        png: the picture before and after.
+        seed: of the run.
+    """
+    seconds = [(stage, f"{time_s:.3f}") for stage, time_s in result.timings_s.items()]
+    seconds.append(("total", f"{sum(result.timings_s.values()):.3f}"))
+    details = [(name, _brief(value)) for name, value in result.details.items()]
+    return html.page(
+        "Registration of two scans",
+        html.status_banner(result.status, result.reason, result.confidence),
+        html.picture(
+            png, "Both scans in the target's frame, as they came and with the motion found."
+        ),
+        html.section(
+            "The motion found",
+            html.paragraph("p_target = T_target_source p_source, in metres, after fine alignment:"),
+            html.matrix(result.T_target_source),
+            html.paragraph(_uncertainty(result)),
+            html.paragraph("Before fine alignment:"),
+            html.matrix(result.T_target_source_coarse),
+        ),
+        html.section("Inputs", html.table(["", ""], list(inputs.items()))),
+        html.section("Time", html.table(["stage", "seconds"], seconds)),
+        html.section("Details", html.table(["", ""], details)) if details else "",
+        footer(seed),
+    )
+
+
+def registration_fields(result: Registration) -> dict[str, Any]:
+    return {
+        "status": result.status,
+        "confidence": result.confidence,
+        "reason": result.reason,
+        "T_target_source": result.T_target_source,
+        "T_target_source_coarse": result.T_target_source_coarse,
+        "timings_s": result.timings_s,
+        "details": result.details,
+    }
+
+
+def _uncertainty(result: Registration) -> str:
+    """How exact the pose is, if it is right; empty where nothing was matched."""
+    position_m = result.details.get("position_std_m")
+    rotation_rad = result.details.get("rotation_std_rad")
+    if not isinstance(position_m, float) or not isinstance(rotation_rad, float):
+        return ""
+    return (
+        "If the pose is right, the scatter of the matched surfaces leaves a standard deviation of "
+        f"{1000 * position_m:.3g} mm at their centre and of {math.degrees(rotation_rad):.2g} deg."
+    )
+
+
+def _brief(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    text = (
+        np.array2string(value, precision=4, threshold=12)
+        if isinstance(value, np.ndarray)
+        else str(value)
+    )
+    text = " ".join(text.split())
+    return text if len(text) <= _LONGEST_DETAIL else text[:_LONGEST_DETAIL] + " ..."
+
+
+def footer(seed: int) -> str:
+    used = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return html.footer(f"seed {seed}; {used}")

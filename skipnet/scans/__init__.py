@@ -1,0 +1,1 @@
+"""What one scan knows: Skip-maps, features, evidence, where it was taken from."""

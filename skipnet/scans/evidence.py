@@ -1,0 +1,82 @@
+"""One scan made ready for the judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skipnet.scans.range_image import RangeImage, build_range_image
+from skipnet.skipmap.cell_table import CellTable
+from skipnet.skipmap.skipmap import SkipMap
+from skipnet.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One scan made ready for judging; its voxels are in a fixed random order."""
+
+    points_m: FloatArray
+    """(V, 3) float32 voxel centroids, scan frame, in the order in which they are sampled."""
+    normals: FloatArray
+    """(V, 3) float32 unit normals, likewise."""
+    weights: FloatArray
+    """(V,) how much each voxel says, likewise; edges and corners more than planes."""
+    order: IntArray
+    """(V,) row in the Skip-map of each voxel in this order."""
+    oriented: bool
+    """Normals point to the sensor, so opposite ones are different surfaces."""
+    surfaces: FloatArray
+    """(V, 4) float32 normal and offset of each voxel's plane, in the Skip-map's order."""
+    near: CellTable
+    """Row in ``surfaces`` of the voxel that a point lies on or next to."""
+    range_image: RangeImage | None
+    """None when the viewpoint is unknown: judged without free space."""
+
+    @property
+    def voxel_size_m(self) -> float:
+        """Edge of a voxel."""
+        return self.near.voxel_size_m
+
+    @property
+    def centre_m(self) -> FloatArray:
+        """(3,) mean of the voxels."""
+        return self.points_m.mean(axis=0, dtype=np.float64)
+
+    def weighing(self, weights: FloatArray) -> Evidence:
+        """The same evidence with (V,) weights, given in the Skip-map's order."""
+        return replace(self, weights=weights[self.order].astype(np.float32))
+
+
+def build_evidence(
+    skipmap: SkipMap,
+    points_m: FloatArray,
+    rng: np.random.Generator,
+    T_own_points: FloatArray | None = None,
+) -> Evidence:
+    """Prepare a scan for ``judge``.
+
+    Args:
+        skipmap: the scan's Skip-map.
+        points_m: (N, 3) the scan itself, for its range image.
+        rng: draws the order in which voxels are sampled.
+        T_own_points: (4, 4) from the frame of the points to the Skip-map's; None where these are
+            one.
+    """
+    viewpoint_m = skipmap.viewpoint_m
+    points, normals = (a.astype(np.float32) for a in (skipmap.centroids_m, skipmap.normals))
+    offsets_m = np.einsum("vi,vi->v", points, normals)
+    order = rng.permutation(len(skipmap))
+    range_image = (
+        None if viewpoint_m is None else build_range_image(points_m, viewpoint_m, T_own_points)
+    )
+    return Evidence(
+        points_m=points[order],
+        normals=normals[order],
+        weights=np.ones(len(skipmap), dtype=np.float32),
+        order=order,
+        oriented=viewpoint_m is not None,
+        surfaces=np.column_stack([normals, offsets_m]),
+        near=CellTable(skipmap.cells, skipmap.voxel_size_m, skipmap.origin_m, with_neighbours=True),
+        range_image=range_image,
+    )

@@ -1,0 +1,228 @@
+"""One scan made ready for registration: its Skip-map at three levels and what is read off it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from skipnet.clouds.cleaning import validate
+from skipnet.clouds.statistics import principal_frame
+from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
+from skipnet.features.patches import feature_voxels
+from skipnet.features.primitives import Planes, find_planes
+from skipnet.geometry import invert, transform_points
+from skipnet.networks.catalog import load_descriptor
+from skipnet.networks.describing import classify_voxels
+from skipnet.parallel.threads import one_blas_thread, side_by_side
+from skipnet.scans.evidence import Evidence, build_evidence
+from skipnet.scans.sparse import thin
+from skipnet.scans.viewpoint import find_viewpoint
+from skipnet.skipmap.resolution import choose_voxel_size
+from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
+from skipnet.skipmap.tree import Cloud, SkipTree, build_tree, points_of
+from skipnet.types import FeatureClass, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from small_gicp import KdTree, PointCloud
+
+MIN_RESOLVED = 0.75
+"""Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
+scans of a few lines 0.1 to 0.7."""
+
+Viewpoint = str | FloatArray | list[float] | None
+"""Sensor position (3,) in the scan's frame, None when unknown, or "auto" to find out."""
+
+
+@dataclass(frozen=True)
+class FeatureVoxels:
+    """The network's word on the K feature voxels of a scan."""
+
+    rows: IntArray
+    """(K,) rows of the Skip-map."""
+    probabilities: FloatArray
+    """(K, 5) of each FeatureClass; rows sum to 1."""
+
+    @property
+    def classes(self) -> IntArray:
+        """(K,) the likeliest FeatureClass."""
+        return self.probabilities.argmax(axis=1)
+
+
+def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
+    """Refuse what is no viewpoint.
+
+    Raises:
+        ValueError: neither "auto" nor None nor three finite coordinates.
+    """
+    if viewpoint is None or (isinstance(viewpoint, str) and viewpoint == "auto"):
+        return
+    position_m = np.asarray(viewpoint)
+    if position_m.shape != (3,) or position_m.dtype.kind not in "iuf":
+        raise ValueError(
+            f'{name}={viewpoint!r}: expected "auto", None or a position (3,) in metres'
+        )
+    if not np.isfinite(position_m).all():
+        raise ValueError(f"{name}={viewpoint!r}: expected finite coordinates, or None if unknown")
+
+
+def checked(cloud: npt.ArrayLike | SkipTree, name: str) -> Cloud:
+    """Refuse what is no scan, as ``skipnet.clouds.cleaning.validate`` does."""
+    if isinstance(cloud, SkipTree):
+        validate(cloud.centroids_m, name)
+        return cloud
+    return validate(cloud, name)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A described scan, in the principal frame of its own points.
+
+    Voxels laid in that frame move along with the scan, so the result of a registration does not
+    depend on the frames in which the scans are given.
+    """
+
+    T_given_own: FloatArray
+    """(4, 4) from the scan's own frame, in which all the rest is, to the frame it was given in."""
+    skipmap: SkipMap
+    """At the voxel size: what features, hypotheses and verification use."""
+    coarse: SkipMap
+    """At twice the voxel size: where fine alignment starts."""
+    fine_tree: SkipTree
+    """All voxels of half the size, effective or not."""
+    evidence: Evidence
+    """For the judge."""
+    fine: Future[SkipMap]
+    """What ``fine_skipmap`` waits for."""
+
+    @property
+    def viewpoint_m(self) -> FloatArray | None:
+        """(3,) where it was taken from; None when that is unknown."""
+        return self.skipmap.viewpoint_m
+
+    @property
+    def viewpoint_given_m(self) -> FloatArray | None:
+        """As ``viewpoint_m``, in the frame that the scan was given in."""
+        if self.viewpoint_m is None:
+            return None
+        return transform_points(self.T_given_own, self.viewpoint_m[None])[0]
+
+    @property
+    def rank(self) -> tuple[int, int, float]:
+        """Orders scans by themselves alone: occupied voxels, then points, then spread."""
+        moments = self.fine_tree.moments
+        return len(moments), int(moments.count.sum()), float(moments.second.sum())
+
+    @property
+    def fine_skipmap(self) -> SkipMap:
+        """At half the voxel size: where fine alignment ends. Worked out while poses are sought."""
+        return self.fine.result()
+
+    @cached_property
+    def planes(self) -> Planes:
+        """The planes of the scan, heaviest first."""
+        return find_planes(self.skipmap)
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether too few points lie on surfaces that the finest level resolves."""
+        return self.fine_skipmap.counts.sum() < MIN_RESOLVED * self.fine_tree.moments.count.sum()
+
+    @cached_property
+    def thinned(self) -> tuple[PointCloud, KdTree]:
+        """What fine alignment of sparse scans needs."""
+        return thin(self.fine_tree.centroids_m, self.skipmap.voxel_size_m)
+
+    @cached_property
+    def features(self) -> FeatureVoxels:
+        """The classified feature voxels; the network runs when they are first asked for."""
+        rows = feature_voxels(self.skipmap)
+        return FeatureVoxels(rows, classify_voxels(self.skipmap, rows, load_descriptor()))
+
+    @cached_property
+    def corners(self) -> Corners:
+        """The corners among the classified feature voxels."""
+        classes = self.features.classes
+        corner = classes <= FeatureClass.OTHER_CORNER
+        return find_corners(
+            self.skipmap,
+            self.features.rows[corner],
+            classes[corner],
+            self.features.probabilities[corner].max(axis=1),
+        )
+
+    @cached_property
+    def lines(self) -> Lines:
+        """The straight edges among the classified feature voxels."""
+        edge = self.features.classes == FeatureClass.EDGE
+        return find_lines(self.skipmap, self.features.rows[edge])
+
+    def weighing_features(self, weight: float) -> Scan:
+        """The same scan, judged with ``weight`` for edge and corner voxels and 1 for the others."""
+        if weight == 1:
+            return self
+        weights = np.ones(len(self.skipmap))
+        weights[self.features.rows[self.features.classes != FeatureClass.PLANE]] = weight
+        return replace(self, evidence=self.evidence.weighing(weights))
+
+
+@one_blas_thread
+def describe(
+    clouds_m: Sequence[Cloud],
+    viewpoints: Sequence[Viewpoint],
+    voxel_size_m: float | None = None,
+    seed: int = 0,
+) -> list[Scan]:
+    """Describe scans with one voxel size, side by side.
+
+    Args:
+        clouds_m: (N, 3) points of each scan, or their fine voxels, in any frame.
+        viewpoints: see ``Viewpoint``; of each scan, in the frame of its points.
+        voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
+        seed: of the order in which the judge samples voxels.
+    """
+    points_m = [points_of(cloud_m) for cloud_m in clouds_m]
+    frames = side_by_side(principal_frame, points_m)
+    if voxel_size_m is None:
+        voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
+    background = ThreadPoolExecutor(1)
+    one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed, background=background)
+    scans = side_by_side(one, clouds_m, viewpoints, frames)
+    background.shutdown(wait=False)  # goes on without being waited for
+    return scans
+
+
+def _describe_one(
+    cloud_m: Cloud,
+    viewpoint: Viewpoint,
+    T_given_own: FloatArray,
+    voxel_size_m: float,
+    seed: int,
+    background: Executor,
+) -> Scan:
+    """Build a scan's Skip-maps, the finest in the ``background``, and find out its viewpoint."""
+    T_own_given = invert(T_given_own)
+    fine_tree = build_tree(cloud_m, voxel_size_m / 2, np.zeros(3), T_own_given)
+    tree = fine_tree.coarser()
+    skipmap = skipmap_of_tree(tree)
+    if isinstance(viewpoint, str):
+        viewpoint_m = find_viewpoint(skipmap, T_own_given[:3, 3])
+    elif viewpoint is not None:
+        viewpoint_m = transform_points(T_own_given, np.array([viewpoint], np.float64))[0]
+    else:
+        viewpoint_m = None
+    skipmap = skipmap.seen_from(viewpoint_m)
+    rng = np.random.default_rng(seed)
+    return Scan(
+        T_given_own=T_given_own,
+        skipmap=skipmap,
+        coarse=skipmap_of_tree(tree.coarser(), viewpoint_m),
+        fine_tree=fine_tree,
+        evidence=build_evidence(skipmap, points_of(cloud_m), rng, T_own_given),
+        fine=background.submit(skipmap_of_tree, fine_tree, viewpoint_m),
+    )

@@ -1,0 +1,1 @@
+"""Scans of simulated scenes: scanners, cameras, pairs, and how scans get worse."""

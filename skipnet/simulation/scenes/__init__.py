@@ -1,0 +1,1 @@
+"""Simulated scenes: rooms, furniture, facades, kitchens, organic shapes."""

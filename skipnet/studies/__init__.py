@@ -1,0 +1,1 @@
+"""Studies of the method: accuracy, calibration, vigilance, misses, inliers."""

@@ -1,0 +1,177 @@
+"""Why were pairs missed? ``python -m skipnet.studies.misses RUN_FOLDER``.
+
+For each pair that skipnet missed in a run of ``evaluate.py``: how many right correspondences the
+descriptor offered, what the judge says of the reference pose, after fine alignment, and what of the
+answer, and a picture of both. If the reference scores higher, no generator proposed it; otherwise
+the scans themselves speak for the answer, as far as the judge can tell.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.running.contestants import make_pair_set, protocol_of
+from skipnet.benchmark.running.runner import PREDICTIONS_FILE
+from skipnet.benchmark.scoring.predictions import Prediction, read_predictions
+from skipnet.benchmark.scoring.protocols import right_by_rule
+from skipnet.geometry import invert, transform_points
+from skipnet.metrics.correspondences import INLIER_VOXELS
+from skipnet.metrics.poses import measured_overlap, score_pose
+from skipnet.networks.catalog import load_descriptor
+from skipnet.networks.describing import correspond
+from skipnet.registration.alignment.refinement import refine
+from skipnet.registration.judging.closer_look import look_closer
+from skipnet.registration.judging.judge import FINE, Score, judge
+from skipnet.registration.options import RegistrationConfig
+from skipnet.scans.scan import Scan, describe
+from skipnet.storage import write_bytes
+from skipnet.types import FloatArray, Pair
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+HEADERS = (
+    *("pair", "overlap", "status", "inliers offered"),
+    *("reference: agrees", "contradicts", "score", "answer: agrees", "contradicts", "score", "why"),
+)
+
+
+@dataclass(frozen=True)
+class Miss:
+    """What is known about a pair that was missed."""
+
+    pair: Pair
+    overlap: float
+    """Share of the source's voxels that the target has, by the truth."""
+    answer: Prediction
+    inliers: int
+    """Correspondences of the learned descriptor that the truth brings within two voxels ..."""
+    correspondences: int
+    """... out of so many."""
+    score: Score
+    """Of the reference pose after fine alignment, and of the answer, in this order."""
+
+    @property
+    def was_offered_too_little(self) -> bool:
+        """The judge would have taken the reference pose, had a generator proposed it."""
+        reference, answer = self.score.total
+        return bool(reference > answer)
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """Cells under ``HEADERS``."""
+        columns = (self.score.overlap, self.score.violation, self.score.total)
+        reference, answer = (
+            (f"{o[i]:.1%}", f"{v[i]:.2%}", f"{t[i]:.3f}") for i in (0, 1) for o, v, t in [columns]
+        )
+        why = "not proposed" if self.was_offered_too_little else "the answer fits better"
+        found = f"{self.inliers} of {self.correspondences}"
+        head = (self.pair.name, f"{self.overlap:.0%}", self.answer.status, found)
+        return (*head, *reference, *answer, why)
+
+    def draw(self) -> Figure:
+        """Both scans under the reference pose, and under the answer."""
+        from skipnet.viz.pictures import draw_before_after
+
+        T_answer = self.answer.pose("fine")
+        assert T_answer is not None
+        pair = self.pair
+        moved_m = transform_points(pair.T_target_source, np.asarray(pair.source_m, np.float64))
+        figure = draw_before_after(moved_m, pair.target_m, T_answer @ invert(pair.T_target_source))
+        for axes in figure.axes:
+            pose, _, side = axes.get_title().partition(", ")
+            axes.set_title(f"{'reference' if pose == 'before' else 'answer'}, {side}")
+        return figure
+
+
+def find_misses(folder: Path, method: str = "skipnet") -> Iterator[Miss]:
+    """The pairs of a run for which a method gave a wrong pose, each looked into.
+
+    Args:
+        folder: of the run; its ``config.yaml`` says which pairs they were.
+        method: whose answers to look at; the descriptor and the judge are skipnet's.
+
+    Raises:
+        ValueError: no run, or no answers of the method, are in the folder.
+    """
+    from omegaconf import OmegaConf
+
+    if not (folder / "config.yaml").is_file():
+        raise ValueError(f"{folder} holds no run of evaluate.py: expected a config.yaml there")
+    merged = OmegaConf.merge(
+        OmegaConf.structured(EvaluateConfig), OmegaConf.load(folder / "config.yaml")
+    )
+    config: EvaluateConfig = OmegaConf.to_object(merged)  # type: ignore[assignment]
+    answers = {p.pair: p for p in read_predictions(folder / PREDICTIONS_FILE) if p.method == method}
+    if not answers:
+        raise ValueError(f"{folder} holds no answers of {method}: take a run that has some")
+    pair_set, rule = make_pair_set(config), protocol_of(config).name
+    for index, name in enumerate(pair_set.names):
+        answer = answers.get(name)
+        if answer is None or answer.T_target_source is None:
+            continue
+        pair = pair_set.load(index)
+        if not right_by_rule(score_pose(answer.pose("fine"), pair), pair).get(rule, True):
+            yield explain(pair, answer)
+
+
+def explain(pair: Pair, answer: Prediction) -> Miss:
+    """Look into one wrong answer that has a pose."""
+    source, target = describe((pair.source_m, pair.target_m), ("auto", "auto"))
+    T_reference, T_answer = (
+        invert(target.T_given_own) @ T @ source.T_given_own
+        for T in (pair.T_target_source, np.array(answer.T_target_source))
+    )
+    levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
+    T_aligned = refine(T_reference[None], levels).T_target_source[0]
+    inliers, correspondences = count_inliers(source, target, T_reference)
+    return Miss(
+        pair=pair,
+        overlap=measured_overlap(pair, source.skipmap.voxel_size_m),
+        answer=answer,
+        inliers=inliers,
+        correspondences=correspondences,
+        score=judge_closely(np.stack([T_aligned, T_answer]), source, target),
+    )
+
+
+def judge_closely(T_target_source: FloatArray, source: Scan, target: Scan) -> Score:
+    """What a registration's last judgement would say of (C, 4, 4) poses that come close."""
+    config = RegistrationConfig()
+    how = config.final_samples, config.violation_weight
+    score = judge(T_target_source, source.evidence, target.evidence, *how, FINE)
+    scans = (source.evidence, source.skipmap), (target.evidence, target.skipmap)
+    return look_closer(T_target_source, score, scans, *how)
+
+
+def count_inliers(source: Scan, target: Scan, T_target_source: FloatArray) -> tuple[int, int]:
+    """Right ones among the descriptor's correspondences under a (4, 4) pose, and all of them."""
+    rows_s, rows_t, _ = correspond(source.skipmap, target.skipmap, load_descriptor())
+    moved_m = transform_points(T_target_source, source.skipmap.centroids_m[rows_s])
+    apart_m = np.linalg.norm(moved_m - target.skipmap.centroids_m[rows_t], axis=1)
+    return int((apart_m < INLIER_VOXELS * source.skipmap.voxel_size_m).sum()), len(rows_s)
+
+
+def main(folder: str) -> None:
+    """Write the pictures into ``misses/`` of the run's folder; print the table."""
+    from skipnet.viz.pictures import png_bytes
+
+    pictures = Path(folder) / "misses"
+    print(f"| {' | '.join(HEADERS)} |\n|{'---|' * len(HEADERS)}")
+    for miss in find_misses(Path(folder)):
+        name = miss.pair.name.replace("/", "_").replace(", ", "_")
+        write_bytes(pictures / f"{name}.png", png_bytes(miss.draw()))
+        print(f"| {' | '.join(miss.row)} |", flush=True)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2 or not (Path(sys.argv[1]) / PREDICTIONS_FILE).is_file():
+        sys.exit("usage: python -m skipnet.studies.misses RUN, the output_dir of evaluate.py")
+    main(sys.argv[1])

@@ -1,0 +1,1 @@
+"""Training samples from simulated scenes: labelled voxels and pairs of scans."""

@@ -1,0 +1,1 @@
+"""Trainings from options to reports."""

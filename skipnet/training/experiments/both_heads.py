@@ -1,0 +1,283 @@
+"""Both heads: simulate, train, judge them on scenes they never saw, write it all.
+
+The descriptor is judged beside FPFH, the classes beside a network trained for them alone.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
+from skipnet.metrics import correspondences as judging
+from skipnet.metrics.correspondences import TwoScans
+from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor, rounded, save_descriptor
+from skipnet.networks.describing import KEPT_SHARE, MAX_KEYPOINTS
+from skipnet.networks.numpy_network import Descriptor
+from skipnet.parallel.pools import Each, mapping, worker_pool
+from skipnet.simulation.scanning.degrading import Recipe
+from skipnet.simulation.scenes.scenes import check_families
+from skipnet.storage import write_config, write_text
+from skipnet.training import reports
+from skipnet.training import reports as reporting
+from skipnet.training.data.labelled import Samples, make_samples
+from skipnet.training.data.pairs import make_patch_pairs, make_scans
+from skipnet.training.devices import find_device
+from skipnet.training.experiments.classes_alone import check_settings, class_recipe, class_seeds
+from skipnet.training.networks.cyclic import DescriptorNetwork, Widths
+from skipnet.training.networks.perceptron import Classifier, classify, round_to_half
+from skipnet.training.optimizers import find_optimizer
+from skipnet.training.options import AugmentationConfig, DescriptorTrainConfig, TrainConfig
+from skipnet.training.scores import score, table_rows
+from skipnet.training.tasks.classes import (
+    fit_class_head,
+    sample_weights,
+    train_classifier,
+    with_hidden,
+)
+from skipnet.training.tasks.descriptor import Lessons, Outcome, Schedule, train_network
+from skipnet.types import FloatArray
+from skipnet.viz import dashboard
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
+
+FIRST_SEED = {"training": 0, "validation": 10_000, "test": 20_000}
+"""Scenes of the three sets never share a seed."""
+CHECKPOINT, CLASSES_CHECKPOINT = "checkpoint.pt", "classes_checkpoint.pt"
+
+
+@dataclass(frozen=True)
+class Sets:
+    """What the network learns from and is watched on."""
+
+    lessons: Lessons
+    validation: Sequence[TwoScans]
+    validation_classes: Samples
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What the network is judged on."""
+
+    scans: Sequence[TwoScans]
+    classes: Samples
+
+
+def train_both_heads(config: TrainConfig) -> dict[str, Any]:
+    """Train and judge as configured; everything is written into ``config.output_dir``.
+
+    A run that was interrupted goes on from the checkpoint in that folder.
+
+    Returns:
+        The summary, as in summary.json: what training reached, the scores, the seconds it took.
+
+    Raises:
+        ValueError: settings that do not fit each other, or the checkpoint of another run.
+    """
+    check_settings(config)
+    check_families(config.descriptor.families)
+    device, folder = find_device(config.device.value), Path(config.output_dir)
+    if not (folder / "config.yaml").exists():
+        write_config(config, folder / "config.yaml")
+    start_s = time.perf_counter()
+    sets = make_sets(config)
+    data_s = time.perf_counter()
+    with dashboard.open_dashboard(folder / "tensorboard") as writer:
+        outcome, weights, unseen, scores = learn(config, sets, writer, device)
+        write_config(config, folder / "config.yaml")  # of the run that was gone on with
+        trained_s = time.perf_counter()
+        card = make_card(config, sets.lessons, outcome)
+        path = folder / "descriptor.npz"
+        save_descriptor(Descriptor(weights, card), path)
+        descriptor = load_descriptor(path)  # judged as it will be used: rounded
+        classes = {"both heads": judge_classes(config, descriptor, unseen.classes)}
+        if config.compare_alone:
+            classes["classes alone"] = classes_alone(config, sets, unseen.classes)
+        reporting.log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
+    card["scores"] = {
+        **{name: groups["all"] for name, groups in scores.items()},
+        "classes": {name: groups["all"] for name, groups in classes.items()},
+    }
+    for target in [path, SHIPPED_WEIGHTS] if config.ship else [path]:
+        save_descriptor(Descriptor(descriptor.weights, card), target)
+    summary = {
+        "experiment": config.experiment_name,
+        "seed": config.seed,
+        "reached": reached(outcome),
+        "unseen": scores,
+        "classes": classes,
+        "seconds": {
+            "data": data_s - start_s,
+            "training": trained_s - data_s,
+            "judging": time.perf_counter() - trained_s,
+        },
+    }
+    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    tables = reporting.descriptor_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
+    write_text(folder / "scores.md", tables)
+    return summary
+
+
+def learn(
+    config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device
+) -> tuple[Outcome, dict[str, FloatArray], Unseen, dict[str, dict[str, dict[str, float]]]]:
+    """Train the descriptor, then the classes; another process does all that can wait meanwhile.
+
+    Returns:
+        What the descriptor's training reached, the weights of the whole network, the scenes to
+        judge it on, simulated meanwhile, and the descriptor's scores on them.
+    """
+    with worker_pool(1) as aside:
+        to_come = aside.submit(make_unseen, config)
+        outcome = fit(config, sets, writer, device)
+        unseen = to_come.result()
+        shared = Descriptor(rounded(outcome.network.arrays()), {})
+        judged = aside.submit(reporting.judge_on_unseen, shared, unseen.scans)
+        head = fit_classes(config, sets, shared, writer)
+        return outcome, shared.weights | head, unseen, judged.result()
+
+
+def make_sets(config: TrainConfig) -> Sets:
+    """Simulate what the network learns from and is watched on."""
+    options = config.descriptor
+    with mapping(config.data.workers) as each:
+        pairs = make_patch_pairs(
+            options.families,
+            _seeds(options, "training"),
+            options.patches_per_scans,
+            recipe(options.augmentation),
+            each,
+        )
+        classes = _labelled(config, "training", each)
+        weights = sample_weights(classes, config.frequency_strength)
+        return Sets(
+            Lessons(pairs, classes, weights),
+            _scans(options, "validation", each),
+            _labelled(config, "validation", each),
+        )
+
+
+def make_unseen(config: TrainConfig) -> Unseen:
+    """Simulate what it is judged on, in this process."""
+    return Unseen(_scans(config.descriptor, "test", map), _labelled(config, "test", map))
+
+
+def _seeds(options: DescriptorTrainConfig, name: str) -> range:
+    """Of the pairs of scans of one set."""
+    count: int = getattr(options, f"{name}_pairs")
+    return range(FIRST_SEED[name], FIRST_SEED[name] + count)
+
+
+def _scans(options: DescriptorTrainConfig, name: str, each: Each) -> list[TwoScans]:
+    """Pairs of scans of one set."""
+    how = recipe(options.augmentation)
+    return make_scans(options.families, _seeds(options, name), how, each)
+
+
+def _labelled(config: TrainConfig, name: str, each: Each) -> Samples:
+    """Labelled patches of one set, with what is around them; of the test's none is left out."""
+    sampled = class_recipe(config.data, thinned=name != "test", with_surroundings=True)
+    return make_samples(config.data.families, class_seeds(config.data, name), sampled, each)
+
+
+def recipe(options: AugmentationConfig) -> Recipe:
+    """How scans become examples under this configuration."""
+    values = dict(vars(options))
+    return Recipe(**{**values, "noise_voxels": tuple(options.noise_voxels)})
+
+
+def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device) -> Outcome:
+    """Train the shared layers and the descriptor."""
+    options = config.descriptor
+    torch.manual_seed(config.seed)
+    shared = options.sector_units, options.hidden_units, options.output_units
+    widths = Widths(*shared, *config.hidden_sizes)
+    network = DescriptorNetwork(widths, config.dropout)
+    unseen = [judging.Keypoints.of(scans) for scans in sets.validation]
+    return train_network(
+        sets.lessons,
+        network,
+        find_optimizer(config.optimizer),
+        schedule(options),
+        config.seed,
+        reporting.Progress(writer, unseen).watch(),
+        Path(config.output_dir) / CHECKPOINT,
+        device,
+    )
+
+
+def fit_classes(
+    config: TrainConfig, sets: Sets, shared: Descriptor, writer: SummaryWriter
+) -> dict[str, FloatArray]:
+    """Train the class head upon the shared layers."""
+    training, validation = (
+        with_hidden(samples, shared) for samples in (sets.lessons.labelled, sets.validation_classes)
+    )
+    on_epoch = partial(reports.log_epoch, writer, validation, group="classes/")
+    checkpoint = Path(config.output_dir) / CLASSES_CHECKPOINT
+    return fit_class_head(config, training, validation, on_epoch, checkpoint)
+
+
+def schedule(options: DescriptorTrainConfig) -> Schedule:
+    """The steps that the options ask for."""
+    return Schedule(
+        steps=options.steps,
+        scans_per_step=options.scans_per_step,
+        pairs_per_scans=options.patches_per_step // options.scans_per_step,
+        labelled=options.labelled_per_step,
+        class_weight=options.class_weight,
+        temperature=options.temperature,
+        loss=options.loss.value,
+        validate_every=options.validate_every,
+        patience=options.patience,
+    )
+
+
+def judge_classes(
+    config: TrainConfig, descriptor: Descriptor, test: Samples
+) -> dict[str, dict[str, Any]]:
+    """Scores of the class head, in all, by range and by family."""
+    return score(test, reporting.predict(descriptor, test), config.data.families)
+
+
+def classes_alone(config: TrainConfig, sets: Sets, test: Samples) -> dict[str, dict[str, Any]]:
+    """The same scores of a network that learns the classes alone, from the same patches."""
+    network, _ = train_classifier(config, sets.lessons.labelled, sets.validation_classes)
+    alone = Classifier(round_to_half(network.float().eval()), {})
+    predicted = classify(alone, test.patches).argmax(axis=1)
+    return score(test, predicted, config.data.families)
+
+
+def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[str, Any]:
+    """What the weights are, without their scores."""
+    return {
+        "patch": {"levels": list(LEVELS), "reach_voxels": REACH_VOXELS, "kinds": KINDS},
+        "keypoints": {"described": MAX_KEYPOINTS, "kept_share": KEPT_SHARE},
+        "seed": config.seed,
+        "training_data": {
+            "origin": "simulation only: no real scan took part",
+            "pairs_of_scans": len(lessons.pairs),
+            "pairs_of_patches": sum(len(pairs) for pairs in lessons.pairs),
+            "labelled_patches": len(lessons.labelled),
+            "digest": lessons.digest(),
+        },
+        "reached": reached(outcome),
+        "config": reports.for_card(config),
+    }
+
+
+def reached(outcome: Outcome) -> dict[str, Any]:
+    """Why training ended and where it was best."""
+    return {
+        "stop_reason": outcome.stop_reason,
+        "best_step": outcome.best_step,
+        "validation_inlier_ratio": outcome.best_score,
+    }

@@ -1,0 +1,230 @@
+"""What an experiment writes: its run folder and its TensorBoard."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from skipnet.features.patches import build_patches
+from skipnet.metrics import correspondences as judging
+from skipnet.metrics.classes import confusion_matrix, macro_f1
+from skipnet.metrics.correspondences import TwoScans
+from skipnet.networks.numpy_network import Descriptor
+from skipnet.storage import replacing, write_text
+from skipnet.training.data.labelled import Recipe, Samples, label_scene
+from skipnet.training.data.pairs import PatchPairs
+from skipnet.training.networks.cyclic import DescriptorNetwork
+from skipnet.training.networks.perceptron import Classifier, PatchNetwork, classify
+from skipnet.training.options import TrainConfig
+from skipnet.training.scores import CLASS_NAMES, table_rows
+from skipnet.training.tasks.descriptor import Watch
+from skipnet.training.trainer import EpochRecord
+from skipnet.types import FeatureClass, IntArray
+from skipnet.viz import dashboard, pictures
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
+
+PICTURE_SEED = 2000
+"""Scene of the Skip-maps in TensorBoard: the first one of the test."""
+_DRAWN_EPOCHS = 10
+"""The confusion matrix is drawn every so many epochs."""
+_LOGGED_STEPS = 50
+_SHOWN_PLACES = 300
+"""Places of one pair of scans whose descriptors TensorBoard's projector shows."""
+
+
+def plain(config: TrainConfig) -> dict[str, Any]:
+    """The configuration as nested dicts of plain values."""
+    from omegaconf import OmegaConf
+
+    container = OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)
+    return dict(container)  # type: ignore[arg-type]
+
+
+def for_card(config: TrainConfig) -> dict[str, Any]:
+    """As ``plain``, without where the run was written: weights do not depend on it."""
+    return {name: value for name, value in plain(config).items() if name != "output_dir"}
+
+
+def log_epoch(
+    writer: SummaryWriter,
+    validation: Samples,
+    record: EpochRecord,
+    network: PatchNetwork,
+    group: str = "",
+) -> None:
+    """Losses; on the validation set accuracy, F1, recalls and, now and then, the matrix.
+
+    ``group`` comes before every name, to tell them from those of another training in one folder.
+    """
+    like = network.input_gain
+    patches = torch.as_tensor(validation.patches, dtype=like.dtype, device=like.device)
+    with torch.no_grad():
+        predicted = network(patches).argmax(dim=1).cpu().numpy()
+    counts = confusion_matrix(validation.labels, predicted)
+    recalls = np.diag(counts) / np.maximum(counts.sum(axis=1), 1)
+    values = {
+        "loss/training": record.training_loss,
+        "loss/validation": record.validation_loss,
+        "accuracy/validation": float(np.trace(counts) / counts.sum()),
+        "macro_f1/validation": macro_f1(counts),
+        **{f"recall/{name}": float(r) for name, r in zip(CLASS_NAMES, recalls, strict=True)},
+    }
+    values = {f"{group}{name}": value for name, value in values.items()}
+    dashboard.log_scalars(writer, values, record.epoch)
+    if record.epoch % _DRAWN_EPOCHS == 0 and record.epoch <= 10 * _DRAWN_EPOCHS:
+        figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)
+        dashboard.log_figure(writer, f"{group}confusion/validation", figure, record.epoch)
+
+
+def log_results(
+    writer: SummaryWriter, config: TrainConfig, summary: Mapping[str, Any], counts: IntArray
+) -> None:
+    """The confusion matrix of the unseen scenes, and the run's row among the hyper-parameters."""
+    dashboard.log_confusion_matrix(writer, "unseen", counts, CLASS_NAMES)
+    parameters = {
+        "experiment": config.experiment_name,
+        "optimizer": config.optimizer["_target_"],
+        "hidden_sizes": str(config.hidden_sizes),
+        "patch": config.data.patch.value,
+        "learning_rate": config.learning_rate,
+        "epochs": config.epochs,
+        "training_scenes": config.data.training_scenes,
+        "seed": config.seed,
+    }
+    unseen = summary["unseen"]["network"]
+    scores = {f"hparam/{name}": unseen[name] for name in ("macro_f1", "accuracy")}
+    dashboard.log_hyperparameters(writer, parameters, scores)
+
+
+def log_skipmap(writer: SummaryWriter, recipe: Recipe, classifier: Classifier, family: str) -> None:
+    """The Skip-map of a test scan in 3D: by curvature, by true class, by the network's class."""
+    scan = label_scene(family, PICTURE_SEED, recipe, np.random.default_rng(PICTURE_SEED))[0]
+    centroids_m = scan.skipmap.centroids_m
+    dashboard.log_skipmap_by_curvature(
+        writer, "skipmap/curvature", centroids_m, scan.skipmap.curvatures
+    )
+    patches = build_patches(scan.skipmap, scan.voxels, recipe.patch)
+    predicted = classify(classifier, patches).argmax(axis=1)
+    for name, labels in (("true_class", scan.labels), ("network_class", predicted)):
+        classes = np.full(len(centroids_m), int(FeatureClass.PLANE))
+        classes[scan.voxels] = labels
+        dashboard.log_skipmap_by_class(writer, f"skipmap/{name}", centroids_m, classes)
+
+
+def write_results(
+    folder: Path, summary: Mapping[str, Any], scores: Mapping[str, Any], counts: IntArray
+) -> None:
+    """summary.json, scores.csv, scores.md and the confusion matrix as a picture."""
+    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    rows = table_rows(scores)
+    with replacing(folder / "scores.csv") as path, open(path, "w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+    write_text(folder / "scores.md", markdown_table(rows))
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)
+    (figures / "confusion.png").write_bytes(pictures.png_bytes(figure))
+
+
+def markdown_table(rows: list[dict[str, Any]]) -> str:
+    """One line per classifier and group: voxels, accuracy, macro-F1 and the F1 of every class."""
+    names = ["macro_f1", *(f"f1_{name}" for name in CLASS_NAMES), "accuracy"]
+    heads = ["classifier", "scenes never seen", "voxels", *names]
+    lines = ["| " + " | ".join(heads) + " |", "|---|---|" + "---:|" * (len(heads) - 2)]
+    for row in rows:
+        cells = [row["classifier"], row["group"], str(row["voxels"])]
+        cells += ["-" if np.isnan(row[name]) else f"{row[name]:.3f}" for name in names]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Shows in TensorBoard how training goes, and scores the network on unseen scans."""
+
+    writer: SummaryWriter
+    unseen: Sequence[judging.Keypoints]
+
+    def watch(self) -> Watch:
+        """What ``train_network`` reports to."""
+        return Watch(score=self.score, on_step=self.log_loss)
+
+    def log_loss(self, step: int, loss: float) -> None:
+        """The loss, now and then."""
+        if step % _LOGGED_STEPS == 0:
+            dashboard.log_scalars(self.writer, {"loss/training": loss}, step)
+
+    def score(self, step: int, network: DescriptorNetwork) -> float:
+        """Mean inlier ratio on the unseen scans; also logged, with the share of matched pairs."""
+        descriptor = Descriptor(network.arrays(), {})
+        ratios = np.array([keypoints.inlier_ratio(descriptor) for keypoints in self.unseen])
+        matched = (ratios >= judging.ENOUGH_INLIERS).mean()
+        values = {
+            "inlier_ratio/validation": float(ratios.mean()),
+            "matched_pairs/validation": float(matched),
+        }
+        dashboard.log_scalars(self.writer, values, step)
+        return float(ratios.mean())
+
+
+def judge_on_unseen(
+    descriptor: Descriptor, test: Sequence[TwoScans]
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Scores of this descriptor and of FPFH on the same keypoints, in all and by overlap."""
+    matches: dict[str, list[judging.Match]] = {"learned": [], "fpfh": []}
+    for scans in test:
+        keypoints = judging.keypoints_of(scans, descriptor)
+        learned = partial(judging.by_network, descriptor=descriptor)
+        matches["learned"].append(judging.match(scans, learned))
+        fpfh = partial(judging.by_fpfh, keypoints=keypoints)
+        if not matches["fpfh"]:
+            fpfh(scans)  # what it imports is no part of its time
+        matches["fpfh"].append(judging.match(scans, fpfh))
+    return {
+        name: {"all": judging.summarise(found), **judging.by_overlap(found)}
+        for name, found in matches.items()
+    }
+
+
+def predict(descriptor: Descriptor, samples: Samples) -> IntArray:
+    """(N,) the most probable class."""
+    return descriptor.classify(samples.patches, samples.surroundings).argmax(axis=1)
+
+
+def log_embeddings(
+    writer: SummaryWriter, descriptor: Descriptor, training: Sequence[PatchPairs]
+) -> None:
+    """Descriptors for TensorBoard's projector: the two of one place shall lie side by side."""
+    rows, labels = [], []
+    for scene, pairs in enumerate(training):
+        for scan, patches in (("source", pairs.source), ("target", pairs.target)):
+            some = patches[:_SHOWN_PLACES].astype(np.float32)
+            rows.append(descriptor(some))
+            labels += [[f"{scene}", f"{place}", scan] for place in range(len(some))]
+    dashboard.log_embedding(
+        writer, "descriptors", np.concatenate(rows), labels, ["scene", "place", "scan"]
+    )
+
+
+def descriptor_table(scores: dict[str, dict[str, dict[str, float]]]) -> str:
+    """One line per descriptor and range of overlap."""
+    head = "| descriptor | overlap | unseen pairs | inlier ratio | matched pairs | time (ms) |"
+    lines = [head, "|---|---|---:|---:|---:|---:|"]
+    for name, groups in scores.items():
+        for overlap, figures_of in groups.items():
+            figures = f"{figures_of['inlier_ratio']:.3f} | {figures_of['matched_pairs']:.3f}"
+            cells = f"{figures_of['pairs']} | {figures} | {1000 * figures_of['seconds']:.0f}"
+            lines.append(f"| {name} | {overlap} | {cells} |")
+    return "\n".join(lines) + "\n"

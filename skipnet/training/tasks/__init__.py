@@ -1,0 +1,1 @@
+"""The two tasks: classes and descriptors."""
