@@ -10,13 +10,17 @@ APT_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1
 .PHONY: demo test lint clean
 
 demo: $(VENV)/.ready
-	@$(PY) register.py
+	@echo "Two scans of a simulated room are registered; the first call compiles the loops, some seconds."
+	$(PY) register.py
 
 test: lint
-	@$(PY) -m pytest
+	@echo "Tests: some minutes on two processors."
+	$(PY) -m pytest
 
 lint: $(VENV)/.ready-for-tests
-	@$(VENV)/bin/ruff check .
+	@echo "Style, types and the order of imports are checked."
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check --quiet .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports --no-cache
 
@@ -52,15 +56,19 @@ $(PY):
 		exit 1
 	fi
 	"$$python" -c 'import ensurepip, venv' 2>/dev/null || apt_install python3-venv
+	echo "1 of 3: a virtual environment in $(VENV), with $$("$$python" --version)"
 	"$$python" -m venv $(VENV)
 
 $(VENV)/.ready: pyproject.toml | $(PY)
 	@$(apt_install)
+	echo "2 of 3: skipnet and what it needs (PyTorch, Open3D and others: one to two gigabytes, some minutes)"
 	$(PY) -m pip install --quiet -e .
+	echo "3 of 3: Debian's libraries for Open3D, where they are missing"
 	$(PY) -c 'import open3d' 2>/dev/null || apt_install $(APT_LIBRARIES)
 	$(PY) -c 'import open3d'
 	touch $@
 
 $(VENV)/.ready-for-tests: pyproject.toml $(VENV)/.ready
-	@$(PY) -m pip install --quiet -e '.[test,peers,formats]'
+	@echo "What the tests need: pytest, ruff, mypy, KISS-Matcher and readers of LAS and E57"
+	$(PY) -m pip install --quiet -e '.[test,peers,formats]'
 	touch $@

@@ -1,4 +1,4 @@
-"""Every command and snippet of the README works as it stands there.
+"""Every command and snippet of the README and of docs/ works as it stands there.
 
 Runs of register.py are tested in test_register_cli.py, those of the other scripts in their own
 tests; here each command line is composed as written (``--cfg job``), so that no option in the
@@ -21,14 +21,15 @@ from skipnet.clouds.formats.reading import SUPPORTED, write_ply
 from skipnet.simulation.scanning.pairs import simulate_pair
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+README = "\n".join(page.read_text() for page in PAGES)
 
 
 def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-COMMANDS = [line for block in blocks("bash") for line in block.splitlines()]
+COMMANDS = list(dict.fromkeys(line for block in blocks("bash") for line in block.splitlines()))
 
 
 MODULES = [line for line in COMMANDS if line.startswith("python -m ")]
@@ -63,12 +64,12 @@ def test_every_other_command_is_a_target_of_make(line):
     subprocess.run(["make", "-n", *line.split()[1:]], cwd=ROOT, check=True, capture_output=True)
 
 
-def test_the_python_snippet_runs(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("snippet", dict.fromkeys(blocks("python")))
+def test_the_python_snippets_run(tmp_path, monkeypatch, capsys, snippet):
     pair = simulate_pair("paper_room", seed=2, points=30_000).pair
     write_ply(tmp_path / "a.ply", pair.source_m)
     write_ply(tmp_path / "b.ply", pair.target_m)
     monkeypatch.chdir(tmp_path)
-    [snippet] = blocks("python")
     names: dict = {}
     exec(snippet, names)
     assert capsys.readouterr().out.startswith("registered")
@@ -86,3 +87,9 @@ def test_the_files_and_rooms_it_names_exist():
     present = {path.stem for path in (ROOT / "skipnet").iterdir() if path.name[0] not in "_."}
     present.remove("py")  # py.typed
     assert rooms == present
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    links = re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text())
+    assert [link for link in links if not (page.parent / link).exists()] == []
