@@ -29,7 +29,7 @@ from skipnet.metrics.poses import inlier_ratio
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import AMBIGUOUS_FAMILIES, FAMILIES
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 BENCHMARKS = sorted(path.stem for path in (ROOT / "configs" / "benchmark").glob("*.yaml"))
 FILES = {
     "config.yaml",

@@ -377,7 +377,7 @@ def test_a_protocol_that_fits_no_pair_is_refused(tmp_path):
 SLEEPER = """
 import numpy as np, os, sys, time
 from functools import partial
-sys.path.insert(0, "tests")
+sys.path.insert(0, "tests/benchmark")
 from skipnet.benchmark.running.isolation import isolated
 from skipnet.benchmark.methods import Task
 from test_benchmark_runner import make_sleeper
@@ -399,7 +399,7 @@ def make_sleeper():
 def test_a_killed_run_leaves_no_method_behind(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SLEEPER)
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     run = subprocess.Popen(
         [sys.executable, script], cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
         stdout=subprocess.PIPE, text=True,

@@ -11,7 +11,7 @@ import skipnet
 from skipnet.benchmark.datasets import folder_pairs
 from skipnet.metrics.poses import score_pose
 
-FOLDER = Path(__file__).parents[2] / "shared" / "data" / "real"
+FOLDER = Path(__file__).parents[3] / "shared" / "data" / "real"
 SETS = ("libpm_tutorial", "jsanchez_room", "eth_tls_facade")
 
 pytestmark = pytest.mark.skipif(

@@ -15,7 +15,7 @@ from skipnet.commands import hydra_app as command
 from skipnet.commands.register import RegisterConfig
 from skipnet.training.options import TrainConfig
 
-CONFIGS = Path(__file__).parents[1] / "configs"
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 class Colour(Enum):

@@ -21,7 +21,7 @@ from skipnet.geometry import (
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.simulation.scanning.pairs import simulate_pair
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 MAX_ROTATION_DEG, MAX_SHIFT_M = 0.01, 1e-4  # within these two poses count as the same
 
 

@@ -14,7 +14,7 @@ from skipnet.clouds.formats.reading import read_points, write_ply
 from skipnet.geometry import invert, pose_error, transform_points
 from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAIR_FILES = {"result.json", "aligned.ply", "before_after.png", "report.html"}
 
 

@@ -490,7 +490,7 @@ def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
     scenes = {"training_scenes": 1, "validation_scenes": 1, "test_scenes": 1, "most_per_class": 20}
     options += [f"data.{name}={count}" for name, count in (scenes | {"workers": 1}).items()]
     options += ["descriptor.families=[closed]", "data.families=[closed]", "epochs=1"]
-    script = Path(__file__).parents[1] / "train.py"
+    script = Path(__file__).parents[2] / "train.py"
     run = subprocess.run(
         [sys.executable, str(script), "compare_alone=true", f"output_dir={tmp_path}", *options],
         capture_output=True,
