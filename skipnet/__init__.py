@@ -14,11 +14,14 @@ from skipnet.provenance import __version__
 
 if TYPE_CHECKING:
     from skipnet.registration.pipeline import register
-    from skipnet.types import Registration
+    from skipnet.registration.result import Registration
 
 __all__ = ["Registration", "__version__", "register"]
 
-_HOME_OF = {"register": "skipnet.registration.pipeline", "Registration": "skipnet.types"}
+_HOME_OF = {
+    "register": "skipnet.registration.pipeline",
+    "Registration": "skipnet.registration.result",
+}
 
 
 def __getattr__(name: str) -> object:

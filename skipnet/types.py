@@ -6,8 +6,8 @@ radians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import IntEnum
+from dataclasses import dataclass
+from enum import Enum, IntEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,27 @@ class FeatureClass(IntEnum):
     """Two surfaces."""
     PLANE = 4
     """One surface."""
+
+
+class Status(str, Enum):
+    """The word on a result; it is a string like any other.
+
+    >>> Status.REGISTERED == "registered", f"{Status.REGISTERED}"
+    (True, 'registered')
+    """
+
+    REGISTERED = "registered"
+    """The pose is more likely right than wrong, and nothing explains the scans as well."""
+    AMBIGUOUS = "ambiguous"
+    """Several poses explain the scans about equally well, or nothing holds the one."""
+    FAILED = "failed"
+    """No pose explains both scans."""
+
+    def __str__(self) -> str:
+        return self.value
+
+    def __format__(self, format_spec: str) -> str:
+        return format(self.value, format_spec)
 
 
 @dataclass(frozen=True)
@@ -65,23 +86,3 @@ class Pair:
     inv(truth) @ estimate, e^T information e / information[0, 0] is the pair's squared RMSE."""
     consecutive: bool = False
     """The scans follow each other in a sequence; some protocols leave such pairs out."""
-
-
-@dataclass(frozen=True)
-class Registration:
-    """What ``skipnet.register`` returns."""
-
-    T_target_source: FloatArray
-    """(4, 4) float64, ``p_target = T_target_source @ p_source``, after fine alignment."""
-    T_target_source_coarse: FloatArray
-    """(4, 4) float64, before fine alignment."""
-    status: str
-    """"registered", "ambiguous" or "failed"."""
-    confidence: float
-    """In [0, 1]: the share of results with this value that are right; 0 surely wrong, 1 right."""
-    reason: str
-    """One sentence for a person: why this status."""
-    timings_s: dict[str, float] = field(default_factory=dict)
-    """Seconds per stage, in the order of the pipeline."""
-    details: dict[str, object] = field(default_factory=dict)
-    """What was assumed and measured on the way: voxel size, viewpoints, scores, candidates."""

@@ -53,7 +53,7 @@ def test_importing_skipnet_loads_nothing_heavy():
 
 def test_the_public_names_resolve():
     from skipnet.registration.pipeline import register
-    from skipnet.types import Registration
+    from skipnet.registration.result import Registration
 
     assert skipnet.register is register
     assert skipnet.Registration is Registration

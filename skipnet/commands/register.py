@@ -15,7 +15,7 @@ from skipnet.registration.options import RegistrationConfig
 
 if TYPE_CHECKING:
     from skipnet.projects.project import MultiviewResult
-    from skipnet.types import Registration
+    from skipnet.registration.result import Registration
 
 
 @dataclass

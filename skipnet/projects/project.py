@@ -11,10 +11,11 @@ import numpy.typing as npt
 from skipnet.projects.graph import PairKey, Poses, closure_m, measure, solve
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import clean, register_scans
+from skipnet.registration.result import Registration
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.scan import Scan, Viewpoint, check_viewpoint, checked, describe
 from skipnet.skipmap.tree import SkipTree
-from skipnet.types import FloatArray, Registration
+from skipnet.types import FloatArray
 
 MAX_CLOSURE_VOXELS = 1.0
 """A pair that puts the centre of its overlap farther off than the more trusted ones do is wrong."""
@@ -125,7 +126,7 @@ def _describe_all(
 
 def _trust(pair: Registration) -> tuple[float, float]:
     """Confidence to two digits, then overlap: near-certain pairs differ in what they share."""
-    return round(pair.confidence, 2), float(str(pair.details["overlap"]))
+    return round(pair.confidence, 2), pair.findings.overlap if pair.findings else 0.0
 
 
 def _verdict(

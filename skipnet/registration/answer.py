@@ -9,8 +9,7 @@ import numpy as np
 
 from skipnet.registration.findings import Findings
 from skipnet.registration.verdict import Verdict, decide
-from skipnet.scans.scan import Scan
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, Status
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,8 @@ class Answer:
     @staticmethod
     def none() -> Answer:
         """Before any candidate: the identity, failed."""
-        verdict = Verdict(
-            "failed", 0.0, "the scans offered no feature from which to propose a pose"
-        )
+        reason = "the scans offered no feature from which to propose a pose"
+        verdict = Verdict(Status.FAILED, 0.0, reason)
         return Answer(np.zeros((0, 4, 4)), np.zeros((0, 4, 4)), np.eye(4), verdict, None)
 
     @property
@@ -58,35 +56,3 @@ class Answer:
             alternatives=change(self.findings.alternatives),
         )
         return Answer(poses[0], poses[1], poses[2], decide(findings), findings)
-
-    def details(self, source: Scan, target: Scan) -> dict[str, object]:
-        """What was assumed and found, for reports."""
-        found = self.findings
-        viewpoints_m = [
-            None if scan.viewpoint_given_m is None else scan.viewpoint_given_m.tolist()
-            for scan in (source, target)
-        ]
-        extents = [
-            " x ".join(f"{length:.3g}" for length in np.ptp(scan.evidence.points_m, axis=0))
-            for scan in (source, target)
-            if len(scan.skipmap)
-        ]
-        reach = f"; the scans extend over {' and '.join(extents)}" if extents else ""
-        return {
-            "unit": f"coordinates taken as metres{reach}",
-            "voxel_size_m": source.skipmap.voxel_size_m,
-            "source_viewpoint_m": viewpoints_m[0],
-            "target_viewpoint_m": viewpoints_m[1],
-            "overlap": found and found.overlap,
-            "violation": found and found.violation,
-            "margin": found and found.margin,
-            "matched_voxels": found and found.matched,
-            "held_voxels": found and found.held_voxels,
-            "position_std_m": found and float(np.sqrt(np.trace(found.covariance[3:, 3:]))),
-            "rotation_std_rad": found and float(np.sqrt(np.trace(found.covariance[:3, :3]))),
-            "covariance": found and found.covariance.tolist(),
-            "blind": found and found.blind,
-            "free_directions": found and found.free_directions.tolist(),
-            "free_turns": found and found.free_turns.tolist(),
-            "alternatives_T_target_source": found and found.alternatives.tolist(),
-        }

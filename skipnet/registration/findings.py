@@ -3,10 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from skipnet.types import FloatArray
+from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.score import STRAY_SHARE, Score
+from skipnet.registration.judging.sliding import (
+    MIN_DETERMINED,
+    holds,
+    holds_against,
+    is_weak,
+    moves_freely,
+)
+from skipnet.types import FloatArray, IntArray
+
+AMBIGUOUS_LEAD = 0.1
+"""A rival whose score comes within this share of the best one's explains the data as well."""
+HARMLESS_OVERLAP = 0.2
+"""... and so does one that contradicts nothing, if this much agrees and the best pose does ..."""
+HARMFUL_VIOLATION = 0.003
+"""... contradict what was seen, by this share of all voxels and more."""
+CHANCE_SCORE = 0.1
+"""What some pose always scores: a lead counts against this, though no rival be found."""
+MIN_SPARSE_HOLD = 6.0
+"""Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 
 FEATURES = (
     "overlap",
@@ -25,6 +47,22 @@ FIRMLY_HELD_VOXELS = 99.0
 @dataclass(frozen=True)
 class Findings:
     """What is known about the best pose when the verdict is due."""
+
+    JSON_NAMES: ClassVar[tuple[str, ...]] = (
+        "overlap",
+        "violation",
+        "margin",
+        "matched_voxels",
+        "held_voxels",
+        "position_std_m",
+        "rotation_std_rad",
+        "covariance",
+        "blind",
+        "free_directions",
+        "free_turns",
+        "alternatives_T_target_source",
+    )
+    """Keys of ``as_json``."""
 
     overlap: float
     """Mean of both ways' matched shares."""
@@ -49,6 +87,35 @@ class Findings:
     """(A, 4, 4) distinct poses that explain the data as well."""
 
     @property
+    def position_std_m(self) -> float:
+        """Standard deviation of the matched surfaces' centre."""
+        return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
+
+    @property
+    def rotation_std_rad(self) -> float:
+        """Standard deviation of the rotation."""
+        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
+
+    @property
+    def as_json(self) -> dict[str, object]:
+        """The same as plain numbers and lists, in the order of ``JSON_NAMES``."""
+        values = (
+            self.overlap,
+            self.violation,
+            self.margin,
+            self.matched,
+            self.held_voxels,
+            self.position_std_m,
+            self.rotation_std_rad,
+            self.covariance.tolist(),
+            self.blind,
+            self.free_directions.tolist(),
+            self.free_turns.tolist(),
+            self.alternatives.tolist(),
+        )
+        return dict(zip(self.JSON_NAMES, values, strict=True))
+
+    @property
     def features(self) -> FloatArray:
         """What the confidence is computed from, in the order of ``FEATURES``."""
         return self.features_from(
@@ -64,3 +131,75 @@ class Findings:
         # Without free space the other figures must say more: they get weights of their own.
         in_the_dark = blind * np.array([1.0, overlap, margin, held])
         return np.array([overlap, np.sqrt(violation), margin, held, *in_the_dark])
+
+
+def find_out(
+    judge: Judge,
+    best: Refinement,
+    is_sparse: bool,
+    T_target_source: FloatArray,
+    score: Score,
+    kept: IntArray,
+) -> Findings:
+    """What the verdict rests on.
+
+    Args:
+        judge: of both scans.
+        best: the best pose, finely aligned.
+        is_sparse: one of the scans is: its normals are rough.
+        T_target_source: (K, 4, 4) all refined candidates.
+        score: the judge's figures for these.
+        kept: rows of the distinct ones, best first.
+    """
+    first, rivals = kept[0], kept[1:]
+    top = max(float(score.total[first]), 1e-9)
+    lead = 1 - score.total[rivals] / top
+    harmless = score.violation[rivals] <= STRAY_SHARE
+    harmless &= score.overlap[rivals] >= HARMLESS_OVERLAP
+    harmless &= score.violation[first] >= HARMFUL_VIOLATION
+    closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
+    directions = _free_directions(judge, best, is_sparse)
+    share, _ = holds_against(best.information[0], best.matched[0], best.spread_m[0])
+    return Findings(
+        overlap=float(score.overlap[first]),
+        violation=float(score.violation[first]),
+        margin=float(max(1 - closest / top, 0.0)),
+        matched=int(best.matched[0]),
+        held_voxels=float(share[0] * best.matched[0]),
+        blind=float(np.mean([not scan.oriented for scan in (judge.source, judge.target)])),
+        covariance=best.covariance[0],
+        free_directions=directions,
+        # A plane's or a pipe's turns would only repeat its slides; normals of sparse scans are too
+        # rough to tell.
+        free_turns=np.zeros((0, 3)) if len(directions) or is_sparse else _free_turns(judge, best),
+        alternatives=T_target_source[rivals[(lead < AMBIGUOUS_LEAD) | harmless]],
+    )
+
+
+def _free_directions(judge: Judge, best: Refinement, is_sparse: bool) -> FloatArray:
+    """(F, 3) directions along which one pose can slide."""
+    T, centre_m = best.T_target_source[0], best.centre_m[0]
+    share, directions = holds(best.information[0], best.matched[0])
+    free = [
+        direction
+        for part, direction in zip(share, directions, strict=True)
+        if is_weak(part, best.matched[0])
+        and (
+            (is_sparse and part * best.matched[0] < MIN_SPARSE_HOLD)
+            or moves_freely(np.append(np.zeros(3), direction), T, centre_m, judge)
+        )
+    ]
+    return np.array(free).reshape(-1, 3)
+
+
+def _free_turns(judge: Judge, best: Refinement) -> FloatArray:
+    """(G, 3) axes about which one pose can turn."""
+    T, centre_m = best.T_target_source[0], best.centre_m[0]
+    share, motions = holds_against(best.information[0], best.matched[0], best.spread_m[0])
+    weak = motions[(share < MIN_DETERMINED) & motions[:, :3].any(axis=1)]
+    turns = [
+        motion[:3] / np.linalg.norm(motion[:3])
+        for motion in weak
+        if moves_freely(motion, T, centre_m, judge)
+    ]
+    return np.array(turns).reshape(-1, 3)

@@ -17,14 +17,15 @@ from skipnet.registration.hypotheses.corners_edges import from_corners, from_edg
 from skipnet.registration.hypotheses.correspondences import from_correspondences
 from skipnet.registration.hypotheses.hypotheses import Hypotheses
 from skipnet.registration.hypotheses.planes import from_planes, from_slides
-from skipnet.registration.judging.judge import shortlist
+from skipnet.registration.judging.judge import Judge
 from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.registration.result import Registration, ScanFacts
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import Verdict
 from skipnet.scans.scan import Scan, Viewpoint, check_viewpoint, checked, describe
 from skipnet.skipmap.tree import Cloud, SkipTree, check_voxel_size, points_of
-from skipnet.types import Registration
+from skipnet.types import Status
 
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
@@ -100,9 +101,18 @@ def register_scans(
         status=answer.verdict.status,
         confidence=answer.verdict.confidence,
         reason=answer.verdict.reason,
+        voxel_size_m=source.skipmap.voxel_size_m,
+        source=_facts(source),
+        target=_facts(target),
+        findings=answer.findings,
         timings_s=clock.seconds,
-        details=answer.details(source, target),
     )
+
+
+def _facts(scan: Scan) -> ScanFacts:
+    """What is known about one scan, for the result."""
+    extent_m = np.ptp(scan.evidence.points_m, axis=0) if len(scan.skipmap) else None
+    return ScanFacts(extent_m, scan.viewpoint_given_m)
 
 
 def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:
@@ -114,27 +124,23 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
     answer = Answer.none()
     if min(len(source.skipmap), len(target.skipmap)) == 0:
         return answer
+    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
     for generator in config.generators:
         if is_enough(answer.verdict, generator):
             break
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)
         with clock("verification"):
-            fresh = shortlist(
-                hypotheses.T_target_source,
-                source.evidence,
-                target.evidence,
-                config.violation_weight,
-            )
+            fresh = judge.shortlist(hypotheses.T_target_source)
         with clock("fine alignment"):
-            answer = settle(answer, fresh, source, target, config)
+            answer = settle(answer, fresh, source, target, judge, config)
     return answer
 
 
 def is_enough(verdict: Verdict, coming: Generator) -> bool:
     """Whether the coming generator need not be asked; FPFH takes longer than all the others."""
     enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
-    return verdict.status == "registered" and verdict.confidence >= enough
+    return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 
 
 def clean(cloud_m: Cloud, config: RegistrationConfig) -> Cloud:

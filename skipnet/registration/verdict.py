@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from skipnet.registration.findings import FEATURES, Findings
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, Status
 
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
 MIN_CONFIDENCE = 0.5
@@ -28,8 +28,7 @@ simulated answers of the fit that were held so little, one was right."""
 class Verdict:
     """The tool's word on a result."""
 
-    status: str
-    """"registered", "ambiguous" or "failed"."""
+    status: Status
     confidence: float
     """In [0, 1]: the share of results with this value that are right."""
     reason: str
@@ -41,30 +40,30 @@ def decide(findings: Findings) -> Verdict:
     confidence = confidence_of(findings.features)
     seen = f"{findings.overlap:.0%} of the surfaces agree"
     if findings.matched == 0:
-        return Verdict("failed", 0.0, f"fine alignment found no hold: in the best pose {seen}")
+        return Verdict(Status.FAILED, 0.0, f"fine alignment found no hold: in the best pose {seen}")
     if findings.violation > MAX_VIOLATION:
         reason = f"{seen}, but {findings.violation:.1%} lie where the other sensor saw free space"
-        return Verdict("failed", min(confidence, _calibration().refused), reason)
+        return Verdict(Status.FAILED, min(confidence, _calibration().refused), reason)
     if len(findings.free_directions):
         axis = np.array2string(findings.free_directions[0], precision=2, suppress_small=True)
         reason = f"{seen}, but nothing fixes the position along {axis} in the target's frame"
-        return Verdict("ambiguous", min(confidence, 0.5), reason)
+        return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
     if len(findings.free_turns):
         axis = np.array2string(findings.free_turns[0], precision=2, suppress_small=True)
         reason = f"{seen}, but nothing fixes the turn about {axis} in the target's frame"
-        return Verdict("ambiguous", min(confidence, 0.5), reason)
+        return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
     if findings.held_voxels < MIN_HELD_VOXELS:
         reason = f"{seen}, but next to nothing holds the pose against a small motion"
-        return Verdict("ambiguous", min(confidence, 0.5), reason)
+        return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
     if len(findings.alternatives):
         poses = 1 + len(findings.alternatives)
         reason = f"{seen}, but {poses} distinct poses explain the data about equally well"
-        return Verdict("ambiguous", min(confidence, 1 / poses), reason)
+        return Verdict(Status.AMBIGUOUS, min(confidence, 1 / poses), reason)
     if confidence < MIN_CONFIDENCE:
         reason = f"no pose explains both scans: in the best one {seen}"
-        return Verdict("failed", confidence, reason)
+        return Verdict(Status.FAILED, confidence, reason)
     reason = f"{seen} and {findings.violation:.1%} contradict what the sensors saw as free"
-    return Verdict("registered", confidence, reason)
+    return Verdict(Status.REGISTERED, confidence, reason)
 
 
 def confidence_of(features: FloatArray) -> float:

@@ -16,13 +16,14 @@ import numpy as np
 from skipnet.clouds.formats.reading import read_chunks, read_points, write_ply, write_ply_chunks
 from skipnet.geometry import pose_error, transform_points
 from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.result import Registration
 from skipnet.results.pair import pair_page, result_json
 from skipnet.results.project import poses_json, scans_page
 from skipnet.scans.scan import Viewpoint, checked
 from skipnet.skipmap.streaming import thin_chunks
 from skipnet.skipmap.tree import Cloud, SkipTree, points_of
 from skipnet.storage import write_bytes, write_text
-from skipnet.types import FloatArray, Pair, Registration
+from skipnet.types import FloatArray, Pair
 
 if TYPE_CHECKING:
     from skipnet.projects.project import MultiviewResult

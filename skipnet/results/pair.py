@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from skipnet.provenance import versions
+from skipnet.registration.result import Registration
 from skipnet.storage import plain
-from skipnet.types import Registration
 from skipnet.viz import html
 
 _LONGEST_DETAIL = 200
@@ -75,13 +75,13 @@ def registration_fields(result: Registration) -> dict[str, Any]:
 
 def _uncertainty(result: Registration) -> str:
     """How exact the pose is, if it is right; empty where nothing was matched."""
-    position_m = result.details.get("position_std_m")
-    rotation_rad = result.details.get("rotation_std_rad")
-    if not isinstance(position_m, float) or not isinstance(rotation_rad, float):
+    found = result.findings
+    if found is None:
         return ""
+    turn_deg = math.degrees(found.rotation_std_rad)
     return (
         "If the pose is right, the scatter of the matched surfaces leaves a standard deviation of "
-        f"{1000 * position_m:.3g} mm at their centre and of {math.degrees(rotation_rad):.2g} deg."
+        f"{1000 * found.position_std_m:.3g} mm at their centre and of {turn_deg:.2g} deg."
     )
 
 

@@ -28,6 +28,8 @@ class Evidence:
     """Normals point to the sensor, so opposite ones are different surfaces."""
     surfaces: FloatArray
     """(V, 4) float32 normal and offset of each voxel's plane, in the Skip-map's order."""
+    centroid_errors_voxels: FloatArray
+    """(V,) deviation of each voxel's centroid along its normal, in the Skip-map's order."""
     near: CellTable
     """Row in ``surfaces`` of the voxel that a point lies on or next to."""
     range_image: RangeImage | None
@@ -77,6 +79,13 @@ def build_evidence(
         order=order,
         oriented=viewpoint_m is not None,
         surfaces=np.column_stack([normals, offsets_m]),
+        centroid_errors_voxels=centroid_errors_voxels(skipmap),
         near=CellTable(skipmap.cells, skipmap.voxel_size_m, skipmap.origin_m, with_neighbours=True),
         range_image=range_image,
     )
+
+
+def centroid_errors_voxels(skipmap: SkipMap) -> FloatArray:
+    """(V,) standard deviation of each voxel's centroid along its normal, in voxels."""
+    deviation_m = np.sqrt(skipmap.eigenvalues_m2[:, 0] / skipmap.counts)
+    return deviation_m / skipmap.voxel_size_m

@@ -19,7 +19,7 @@ import numpy as np
 from skipnet.benchmark.datasets.overlapping import KINDS, Kind, goal_overlap, make_pair
 from skipnet.geometry import pose_error
 from skipnet.parallel.pools import worker_pool
-from skipnet.registration.findings import FEATURES, Findings
+from skipnet.registration.findings import FEATURES
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import register
 from skipnet.registration.verdict import CALIBRATION_FILE, MAX_VIOLATION
@@ -27,14 +27,12 @@ from skipnet.scans.scan import Viewpoint
 from skipnet.simulation.scanning.degrading import add_passers_by
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.storage import write_text
-from skipnet.types import FloatArray, Pair, Registration
+from skipnet.types import FloatArray, Pair
 
 FIRST_SEED = 50_000
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
 SCANNERS = ("terrestrial", "rings")
 REGULARISATION = 10.0
-FIGURES = ("overlap", "violation", "margin", "held_voxels", "blind")
-"""Names in a result's details of what ``Findings.features_from`` takes."""
 
 
 @dataclass(frozen=True)
@@ -126,20 +124,10 @@ def _same_and_different(
             and rotation_rad < pair.success_rotation_rad
             and translation_m < pair.success_translation_m
         )
-        features = features_of(result)
-        if features is not None:
-            violation = float(str(result.details["violation"]))
-            trials.append(Trial(f"{name}/{kind}", features, violation, right))
+        found = result.findings
+        if found is not None:
+            trials.append(Trial(f"{name}/{kind}", found.features, found.violation, right))
     return trials
-
-
-def features_of(result: Registration) -> FloatArray | None:
-    """What the verdict saw, from a result's details; None when no candidate was found at all."""
-    found = result.details
-    if found["overlap"] is None:
-        return None
-    figures = [found[name] for name in FIGURES]
-    return Findings.features_from(*figures)  # type: ignore[arg-type]
 
 
 def fit(trials: list[Trial]) -> dict[str, object]:

@@ -27,8 +27,8 @@ from skipnet.metrics.poses import measured_overlap, score_pose
 from skipnet.networks.catalog import load_descriptor
 from skipnet.networks.describing import correspond
 from skipnet.registration.alignment.refinement import refine
-from skipnet.registration.judging.closer_look import look_closer
-from skipnet.registration.judging.judge import FINE, Score, judge
+from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.score import Score
 from skipnet.registration.options import RegistrationConfig
 from skipnet.scans.scan import Scan, describe
 from skipnet.storage import write_bytes
@@ -145,10 +145,8 @@ def explain(pair: Pair, answer: Prediction) -> Miss:
 def judge_closely(T_target_source: FloatArray, source: Scan, target: Scan) -> Score:
     """What a registration's last judgement would say of (C, 4, 4) poses that come close."""
     config = RegistrationConfig()
-    how = config.final_samples, config.violation_weight
-    score = judge(T_target_source, source.evidence, target.evidence, *how, FINE)
-    scans = (source.evidence, source.skipmap), (target.evidence, target.skipmap)
-    return look_closer(T_target_source, score, scans, *how)
+    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
+    return judge.closer(T_target_source, judge.score(T_target_source))
 
 
 def count_inliers(source: Scan, target: Scan, T_target_source: FloatArray) -> tuple[int, int]:

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import make_transform
-from skipnet.registration import settling
-from skipnet.registration.judging.closer_look import centroid_errors_voxels, look_closer
-from skipnet.registration.judging.judge import FINE, judge
+from skipnet.registration import aligners
+from skipnet.registration.judging.judge import Judge
 from skipnet.registration.pipeline import register
-from skipnet.scans.evidence import build_evidence
+from skipnet.scans.evidence import build_evidence, centroid_errors_voxels
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
@@ -26,16 +25,16 @@ def rolling_ground(seed, noise_m):
     z_m = 0.08 * np.cos(0.9 * x_m) + 0.08 * np.sin(0.7 * y_m + 0.5 * x_m)
     points_m = np.column_stack([xy_m, z_m + rng.normal(0, noise_m, len(xy_m))])
     skipmap = build_skipmap(points_m, VOXEL_M, np.array([0.0, 0.0, 3.0]))
-    return build_evidence(skipmap, points_m, np.random.default_rng(0)), skipmap
+    return build_evidence(skipmap, points_m, np.random.default_rng(0))
 
 
 def both_scores(noise_m):
     """Scores of the true pose and of one half a metre aside, loosely and after the closer look."""
-    scans = rolling_ground(1, noise_m), rolling_ground(2, noise_m)
+    judge = Judge(rolling_ground(1, noise_m), rolling_ground(2, noise_m), SAMPLES, 10.0)
     aside = make_transform(np.eye(3), np.array([0.5, 0.0, 0.0]))
     T = np.stack([np.eye(4), aside])
-    loose = judge(T, scans[0][0], scans[1][0], SAMPLES, 10.0, FINE)
-    return loose, look_closer(T, loose, scans, SAMPLES, 10.0)
+    loose = judge.score(T)
+    return loose, judge.closer(T, loose)
 
 
 def test_what_fits_roughly_falls_behind_what_fits_exactly():
@@ -64,7 +63,7 @@ def test_a_centroid_is_as_sure_as_its_points_are_many():
 
 def test_a_fine_alignment_that_the_judge_likes_less_is_undone(monkeypatch):
     pair = simulate_pair("oblique", 3, points=40_000).pair
-    polish = settling.polish
+    polish = aligners.polish
     drift = make_transform(np.eye(3), np.array([0.3, 0.3, 0.0]))
 
     def drifting(T_target_source, source, target):
@@ -73,7 +72,7 @@ def test_a_fine_alignment_that_the_judge_likes_less_is_undone(monkeypatch):
         fine.T_target_source[0] = drift @ fine.T_target_source[0]
         return fine
 
-    monkeypatch.setattr(settling, "polish", drifting)
+    monkeypatch.setattr(aligners, "polish", drifting)
     result = register(pair.source_m, pair.target_m)
     error_m = result.T_target_source[:3, 3] - pair.T_target_source[:3, 3]
     assert np.linalg.norm(error_m) < 0.05

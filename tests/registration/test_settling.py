@@ -7,7 +7,7 @@ import pytest
 
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.findings import Findings
-from skipnet.registration.judging.judge import Score
+from skipnet.registration.judging.score import Score
 from skipnet.registration.settling import firmest_first
 from skipnet.registration.verdict import decide
 

@@ -7,13 +7,14 @@ import pytest
 
 from skipnet.geometry import make_transform, random_rotation
 from skipnet.registration.alignment.refinement import refine
+from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.sliding import MIN_DETERMINED, holds_against, moves_freely, slide
 from skipnet.scans.evidence import build_evidence
 from skipnet.skipmap.skipmap import build_skipmap
 
 VOXEL_M = 0.15
 ALONG, ACROSS = np.eye(3)[0], np.eye(3)[1]
-CASE = (4000, 10.0)
+HOW = (4000, 10.0)
 
 
 def tube(ends: bool, count=60_000, half_m=(6.0, 1.0, 1.2)):
@@ -50,15 +51,16 @@ def open_ended():
 @pytest.mark.parametrize("shift_m", [-0.2, 0.1, 0.25])
 def test_end_walls_bring_a_shifted_pose_back(closed, shift_m):
     start = make_transform(np.eye(3), shift_m * ALONG)
-    slid = slide(start, ALONG, closed, closed, *CASE)
+    slid = slide(start, ALONG, Judge(closed, closed, *HOW))
     assert abs(slid[0, 3]) < 0.25 * VOXEL_M
     np.testing.assert_array_equal(slid[1:], start[1:])
-    assert not moves_freely(shift(ALONG), np.eye(4), np.zeros(3), closed, closed, *CASE)
+    assert not moves_freely(shift(ALONG), np.eye(4), np.zeros(3), Judge(closed, closed, *HOW))
 
 
 def test_nothing_holds_a_pose_along_an_open_corridor(open_ended):
-    assert moves_freely(shift(ALONG), np.eye(4), np.zeros(3), open_ended, open_ended, *CASE)
-    assert not moves_freely(shift(ACROSS), np.eye(4), np.zeros(3), open_ended, open_ended, *CASE)
+    case = np.eye(4), np.zeros(3), Judge(open_ended, open_ended, *HOW)
+    assert moves_freely(shift(ALONG), *case)
+    assert not moves_freely(shift(ACROSS), *case)
 
 
 def ball(seed, bump_m, count=150_000, radius_m=2.0):
@@ -80,7 +82,7 @@ def test_a_ball_on_a_ball_turns_freely_about_its_middle_and_one_with_a_bump_does
         evidence = [
             build_evidence(scan, scan.centroids_m, np.random.default_rng(0)) for scan in scans
         ]
-        case = fine.T_target_source[0], fine.centre_m[0], *evidence, *CASE
+        case = fine.T_target_source[0], fine.centre_m[0], Judge(*evidence, *HOW)
         free = [moves_freely(motion, *case) for motion in motions]
         if bump_m == 0:
             # Three turns about the middle of the ball, wherever the scans' origin is.

@@ -12,7 +12,8 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.judging.judge import distinct, judge, shortlist
+from skipnet.registration.judging.judge import Judge, distinct
+from skipnet.registration.judging.score import ROUGH
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image, octahedral_bin
 from skipnet.simulation.scanning.pairs import simulate_pair
@@ -111,7 +112,7 @@ def test_the_range_image_gives_the_nearest_range_seen_and_0_where_nothing_was():
 
 def test_a_scan_agrees_with_itself_entirely():
     room = evidence_of(box_room())
-    score = judge(EYE, room, room, 4000, violation_weight=12.0)
+    score = Judge(room, room, 4000, 12.0).score(EYE, ROUGH)
     assert score.overlap[0] == pytest.approx(1.0)
     assert score.violation[0] == 0 and score.total[0] == pytest.approx(1.0)
 
@@ -124,13 +125,15 @@ def test_a_panel_in_seen_free_space_is_a_violation_and_counts_by_its_voxels():
     is_panel &= (np.abs(source.points_m[:, 1:]) < 1.1).all(axis=1)
     share = is_panel.mean()
     assert share > 0.01
-    score = judge(EYE, source, target, len(source.points_m), violation_weight=12.0)
+    score = Judge(source, target, len(source.points_m), 12.0).score(EYE, ROUGH)
     # The target's sensor saw through where the panel is; the source's saw the panel before the
     # wall, and does not blame the target for a wall behind it.
     assert score.violation[0] == pytest.approx(0.5 * share, rel=0.05)
     assert score.overlap[0] == pytest.approx(1 - 0.5 * share, abs=0.01)
     # The contradiction weighs more than its area, and more so with more weight.
-    totals = [judge(EYE, source, target, 4000, weight).total[0] for weight in (0, 12, 100)]
+    totals = [
+        Judge(source, target, 4000, weight).score(EYE, ROUGH).total[0] for weight in (0, 12, 100)
+    ]
     assert totals[0] == pytest.approx(score.overlap[0], abs=0.01)
     assert totals[1] < totals[0] - share and totals[2] < 0.6 * totals[1]
 
@@ -140,7 +143,7 @@ def test_what_lies_behind_the_seen_surface_or_in_unseen_directions_violates_noth
     beyond_m = plane_points(20_000, [5.03, -3, -3], [5.03, 3, 3])
     behind_sensor_m = plane_points(20_000, [-2.03, -3, -3], [-2.03, 3, 3])
     for other_m in (beyond_m, behind_sensor_m):
-        score = judge(EYE, evidence_of(other_m, None), evidence_of(wall_m), 4000, 12.0)
+        score = Judge(evidence_of(other_m, None), evidence_of(wall_m), 4000, 12.0).score(EYE, ROUGH)
         assert score.violation[0] == 0 and score.overlap[0] == 0
 
 
@@ -148,18 +151,20 @@ def test_without_viewpoints_free_space_is_unknown():
     room_m = box_room()
     panel_m = plane_points(4000, [1.03, -1, -1], [1.03, 1, 1])
     fused = evidence_of(np.concatenate([room_m, panel_m]), None)
-    assert judge(EYE, fused, evidence_of(room_m, None), 4000, 12.0).violation[0] == 0
+    assert Judge(fused, evidence_of(room_m, None), 4000, 12.0).score(EYE, ROUGH).violation[0] == 0
 
 
 def test_opposite_sides_of_a_thin_wall_never_match():
     wall_m = plane_points(20_000, [2.03, -3, -3], [2.03, 3, 3])
     other_side_m = wall_m + [0.1, 0, 0]
     this, opposite = evidence_of(wall_m), evidence_of(other_side_m, (5.0, 0, 0))
-    assert judge(EYE, this, opposite, 4000, 0.0).overlap[0] == 0
+    assert Judge(this, opposite, 4000, 0.0).score(EYE, ROUGH).overlap[0] == 0
     same_side = evidence_of(other_side_m)
-    assert judge(EYE, this, same_side, 4000, 0.0).overlap[0] > 0.99
+    assert Judge(this, same_side, 4000, 0.0).score(EYE, ROUGH).overlap[0] > 0.99
     # Who stood where is unknown: the sides cannot be told apart.
-    assert judge(EYE, this, evidence_of(other_side_m, None), 4000, 0.0).overlap[0] > 0.99
+    assert (
+        Judge(this, evidence_of(other_side_m, None), 4000, 0.0).score(EYE, ROUGH).overlap[0] > 0.99
+    )
 
 
 def test_weights_say_how_much_a_voxel_counts():
@@ -170,7 +175,7 @@ def test_weights_say_how_much_a_voxel_counts():
         weights=lambda skipmap: np.where(skipmap.centroids_m[:, 0] > 0, 9.0, 1.0),
     )
     heavy = source.weights == 9
-    score = judge(EYE, source, evidence_of(shared_m), len(source.points_m), 0.0)
+    score = Judge(source, evidence_of(shared_m), len(source.points_m), 0.0).score(EYE, ROUGH)
     share = 9 * heavy.sum() / (9 * heavy.sum() + (~heavy).sum())
     assert score.overlap[0] == pytest.approx(0.5 * (share + 1))
 
@@ -179,8 +184,8 @@ def test_swapping_the_scans_swaps_nothing_in_the_score(pair):
     source, target = evidence_of(pair.source_m), evidence_of(pair.target_m)
     rng = np.random.default_rng(0)
     poses = np.stack([pair.T_target_source @ small_motion(rng) for _ in range(8)])
-    there = judge(poses, source, target, 2000, 12.0)
-    back = judge(invert(poses), target, source, 2000, 12.0)
+    there = Judge(source, target, 2000, 12.0).score(poses, ROUGH)
+    back = Judge(target, source, 2000, 12.0).score(invert(poses), ROUGH)
     np.testing.assert_allclose(there.total, back.total, atol=2e-3)
 
 
@@ -199,9 +204,9 @@ def test_the_truth_outscores_every_other_pose_and_heads_the_shortlist(pair):
     random = [make_transform(random_rotation(rng), rng.normal(size=3)) for _ in range(500)]
     near = [pair.T_target_source @ small_motion(rng) for _ in range(500)]
     candidates = np.stack([*turns, *random, *near, pair.T_target_source])
-    total = judge(candidates, source, target, 4000, 12.0).total
+    total = Judge(source, target, 4000, 12.0).score(candidates, ROUGH).total
     assert total.argmax() == len(candidates) - 1
-    best = shortlist(candidates, source, target, 12.0)
+    best = Judge(source, target, 4000, 12.0).shortlist(candidates)
     np.testing.assert_array_equal(best[0], pair.T_target_source)
     assert 1 <= len(best) <= 20
 

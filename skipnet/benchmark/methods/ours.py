@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 from skipnet.benchmark.methods import Estimate, Method, Task
-from skipnet.types import Registration
+from skipnet.registration.result import Registration
 
 TRANSFORM_STAGES = ("hypotheses", "verification")
 FINE_STAGES = ("fine alignment",)
@@ -68,7 +68,7 @@ def _estimate(result: Registration, time_s: float) -> Estimate:
         stage_s={"map": time_s - transform_s - fine_s, "transform": transform_s, "fine": fine_s},
         status=result.status,
         confidence=result.confidence,
-        lead=result.details["margin"],  # type: ignore[arg-type]
+        lead=None if result.findings is None else result.findings.margin,
         reason=result.reason,
         timings_s=dict(result.timings_s),
     )

@@ -10,13 +10,15 @@ their place better than the tolerance have a say.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skipnet.registration.judging.judge import FINE, Score, judge
-from skipnet.scans.evidence import Evidence
-from skipnet.skipmap.skipmap import SkipMap
+from skipnet.registration.judging.score import FINE, Score
 from skipnet.types import FloatArray
+
+if TYPE_CHECKING:
+    from skipnet.registration.judging.judge import Judge
 
 TOLERANCES_VOXELS = (0.25, 0.125, 0.0625)
 """To try in this order; ``FINE`` has 0.5."""
@@ -32,39 +34,31 @@ _UNSURE_WEIGHT = 1e-6
 """Where no voxel that has a say agrees, the others tell."""
 
 
-def look_closer(
-    T_target_source: FloatArray,
-    score: Score,
-    scans: tuple[tuple[Evidence, SkipMap], tuple[Evidence, SkipMap]],
-    samples: int,
-    violation_weight: float,
-) -> Score:
+def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Score:
     """Score poses again with the least tolerance that the scans' noise allows.
 
     Args:
+        judge: of both scans.
         T_target_source: (C, 4, 4) poses after fine alignment, C >= 1.
-        score: what ``judge`` said of them with ``FINE``.
-        scans: evidence and Skip-map of the source and of the target.
-        samples: as in ``judge``.
-        violation_weight: as in ``judge``.
+        score: what the judge said of them with ``FINE``.
 
     Returns:
         The same overlap and violation, and totals that order the poses anew: each counts as far as
         its agreement is close, and the best has the total that it had.
     """
     standing = score.total >= MIN_STANDING * score.total.max()
-    errors_voxels = [centroid_errors_voxels(skipmap) for _, skipmap in scans]
+    scans = judge.source, judge.target
     total = score.total
     for tolerance_voxels in TOLERANCES_VOXELS:
-        sure = [error < SURE_SHARE * tolerance_voxels for error in errors_voxels]
+        sure = [scan.centroid_errors_voxels < SURE_SHARE * tolerance_voxels for scan in scans]
         if min(one.mean() for one in sure) < MIN_SURE:
             break
         source, target = (
-            evidence.weighing(one + _UNSURE_WEIGHT)
-            for (evidence, _), one in zip(scans, sure, strict=True)
+            scan.weighing(one + _UNSURE_WEIGHT) for scan, one in zip(scans, sure, strict=True)
         )
+        surely = replace(judge, source=source, target=target)
         loose, strict = (
-            judge(T_target_source, source, target, samples, violation_weight, limit)
+            surely.score(T_target_source, limit)
             for limit in (FINE, replace(FINE, max_distance_voxels=tolerance_voxels))
         )
         kept = strict.overlap / np.maximum(loose.overlap, 1e-9)
@@ -74,9 +68,3 @@ def look_closer(
         total = score.total * kept**2
     best = total.argmax()
     return replace(score, total=total * (score.total[best] / max(total[best], 1e-9)))
-
-
-def centroid_errors_voxels(skipmap: SkipMap) -> FloatArray:
-    """(V,) standard deviation of each voxel's centroid along its normal, in voxels."""
-    deviation_m = np.sqrt(skipmap.eigenvalues_m2[:, 0] / skipmap.counts)
-    return deviation_m / skipmap.voxel_size_m

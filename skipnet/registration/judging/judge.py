@@ -8,13 +8,15 @@ apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from skipnet.compiled import compiled
 from skipnet.geometry import invert
 from skipnet.parallel.threads import side_by_side
+from skipnet.registration.judging.closer_look import look_closer
+from skipnet.registration.judging.score import FINE, ROUGH, Score, Strictness, severity
 from skipnet.scans.evidence import Evidence
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -25,125 +27,75 @@ _AT_ONCE = 1 << 20
 HOPELESS = 0.1
 """A candidate that scores less than this share of the best one's will not overtake it: right poses
 score a third of it and more, before any refinement, in doorways and on streets too."""
-STRAY_SHARE = 0.0003
-"""Share of voxels that may contradict by chance: one of 4000 samples."""
+ROUNDS = ((24, 1000), (100, 400))
+"""(samples, candidates that stay) of each round of a shortlist but the last ..."""
+LAST_ROUND = (400, 20)
+"""... and of the last, among distinct candidates."""
 
 
 @dataclass(frozen=True)
-class Strictness:
-    """What counts as agreement and what as a contradiction."""
+class Judge:
+    """Two scans, and how they are asked about poses of the source in the target's frame."""
 
-    max_distance_voxels: float
-    """Largest distance from the other scan's local plane."""
-    min_normal_cosine: float
-    """Smallest cosine between matching normals."""
-    free_share: float
-    """A point in front of what was seen there by this share of the range ..."""
-    free_voxels: float
-    """... and by this many voxels is in free space."""
+    source: Evidence
+    target: Evidence
+    samples: int
+    """Voxels to look at in each scan; the first so many of its sampling order."""
+    violation_weight: float
+    """How fast contradictions devalue a pose: at a severity of 1 / weight its overlap counts for
+    37 % (1 / e)."""
 
+    @property
+    def voxel_size_m(self) -> float:
+        """Edge of a voxel."""
+        return self.target.voxel_size_m
 
-ROUGH = Strictness(1.0, 0.8, 0.03, 1.5)
-"""For candidates, which may be a voxel off."""
-FINE = Strictness(0.5, 0.8, 0.02, 1.0)
-"""For poses after fine alignment."""
+    def score(self, T_target_source: FloatArray, strictness: Strictness = FINE) -> Score:
+        """Score (C, 4, 4) candidate poses by what both scans say about them."""
+        at_once = max(1, _AT_ONCE // max(1, self.samples))
 
+        def one_way(T_b_a: FloatArray, a: Evidence, b: Evidence) -> FloatArray:
+            """(2, C) what ``_one_way`` says of all candidates, some at a time."""
+            some = [T_b_a[i : i + at_once] for i in range(0, max(1, len(T_b_a)), at_once)]
+            return np.hstack([_one_way(T, a, b, self.samples, strictness) for T in some])
 
-@dataclass(frozen=True)
-class Score:
-    """The judge's figures for C candidates; every array is (C,)."""
+        poses = T_target_source, invert(T_target_source)
+        is_long = self.samples * len(T_target_source) > _SOON_JUDGED
+        there, back = (side_by_side if is_long else map)(
+            one_way, poses, (self.source, self.target), (self.target, self.source)
+        )
+        overlap, violation = 0.5 * (there + back)
+        total = overlap * np.exp(-self.violation_weight * severity(violation))
+        return Score(total, overlap, violation)
 
-    total: FloatArray
-    """Overlap, discounted for violations: overlap * exp(-weight * severity), 0 to 1."""
-    overlap: FloatArray
-    """Mean of both ways' matched shares, 0 to 1."""
-    violation: FloatArray
-    """Mean of both ways' shares that contradict seen free space, 0 to 1."""
+    def closer(self, T_target_source: FloatArray, score: Score) -> Score:
+        """Score (C, 4, 4) poses anew, as strictly as the scans' noise allows."""
+        return look_closer(self, T_target_source, score)
 
+    def distinct(self, T_target_source: FloatArray, score: Score) -> IntArray:
+        """Rows of the (C, 4, 4) poses that differ from every better one, best first."""
+        order = np.argsort(-score.total, kind="stable")
+        centre_m, apart_m = self.source.centre_m, 2 * self.voxel_size_m
+        return order[distinct(T_target_source[order], centre_m, apart_m)]
 
-def judge(
-    T_target_source: FloatArray,
-    source: Evidence,
-    target: Evidence,
-    samples: int,
-    violation_weight: float,
-    strictness: Strictness = ROUGH,
-) -> Score:
-    """Score candidate poses by what both scans say about them.
+    def shortlist(self, T_target_source: FloatArray) -> FloatArray:
+        """Judge (C, 4, 4) candidates with few samples, the better ones with more.
 
-    Args:
-        T_target_source: (C, 4, 4) candidates.
-        source: the source's evidence.
-        target: the target's evidence.
-        samples: voxels to look at in each scan; the first so many of its sampling order.
-        violation_weight: how fast contradictions devalue a pose: at a severity of 1 / weight
-            its overlap counts for 37 % (1 / e).
-        strictness: what counts as agreement and as a contradiction.
-    """
-
-    at_once = max(1, _AT_ONCE // max(1, samples))
-
-    def one_way(T_b_a: FloatArray, a: Evidence, b: Evidence) -> FloatArray:
-        """(2, C) what ``_one_way`` says of all candidates, some at a time."""
-        some = [T_b_a[i : i + at_once] for i in range(0, max(1, len(T_b_a)), at_once)]
-        return np.hstack([_one_way(T, a, b, samples, strictness) for T in some])
-
-    is_long = samples * len(T_target_source) > _SOON_JUDGED
-    there, back = (side_by_side if is_long else map)(
-        one_way, (T_target_source, invert(T_target_source)), (source, target), (target, source)
-    )
-    overlap, violation = 0.5 * (there + back)
-    return Score(overlap * np.exp(-violation_weight * severity(violation)), overlap, violation)
-
-
-def severity(violation: FloatArray) -> FloatArray:
-    """How much shares of violating voxels say against a pose.
-
-    It grows as the square root does: the first few contradictions say most, because right poses of
-    still scenes have none at all, while in a busy street even the right one has some per cent. A
-    stray voxel or two say little.
-
-    >>> severity(np.array([0.0, 0.0001, 0.01])).round(3)
-    array([0.   , 0.003, 0.084])
-    """
-    return np.sqrt(violation + STRAY_SHARE) - np.sqrt(STRAY_SHARE)
-
-
-def shortlist(
-    T_target_source: FloatArray,
-    source: Evidence,
-    target: Evidence,
-    violation_weight: float,
-    count: int = 20,
-    rounds: tuple[tuple[int, int], ...] = ((24, 1000), (100, 400)),
-    final_samples: int = 400,
-) -> FloatArray:
-    """Judge all with few samples, the better ones with more; keep the best distinct ones.
-
-    Args:
-        T_target_source: (C, 4, 4) candidates.
-        source: the source's evidence.
-        target: the target's evidence.
-        violation_weight: as in ``judge``.
-        count: candidates to keep at the end.
-        rounds: (samples, candidates that stay) of each round but the last.
-        final_samples: of the last round, among distinct candidates.
-
-    Returns:
-        (K, 4, 4) candidates, best first, no two within three voxels and three degrees.
-    """
-    for samples, stay in rounds:
-        total = judge(T_target_source, source, target, samples, violation_weight).total
+        Returns:
+            (K, 4, 4) the best of them, best first, no two within three voxels and three degrees.
+        """
+        for samples, stay in ROUNDS:
+            total = replace(self, samples=samples).score(T_target_source, ROUGH).total
+            best = np.argsort(-total, kind="stable")[:stay]
+            T_target_source, total = T_target_source[best], total[best]
+        T_target_source = T_target_source[total >= HOPELESS * total.max(initial=0.0)]
+        # Before the last round, lest variants of one pose crowd out all others.
+        far_m = 3 * self.voxel_size_m
+        T_target_source = T_target_source[distinct(T_target_source, self.source.centre_m, far_m)]
+        samples, stay = LAST_ROUND
+        total = replace(self, samples=samples).score(T_target_source, ROUGH).total
         best = np.argsort(-total, kind="stable")[:stay]
-        T_target_source, total = T_target_source[best], total[best]
-    T_target_source = T_target_source[total >= HOPELESS * total.max(initial=0.0)]
-    # Before the last round, lest variants of one pose crowd out all others.
-    T_target_source = T_target_source[
-        distinct(T_target_source, source.centre_m, 3 * source.voxel_size_m)
-    ]
-    total = judge(T_target_source, source, target, final_samples, violation_weight).total
-    best = np.argsort(-total, kind="stable")[:count]
-    return T_target_source[best[total[best] >= HOPELESS * total.max(initial=0.0)]]
+        return T_target_source[best[total[best] >= HOPELESS * total.max(initial=0.0)]]
 
 
 def distinct(

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
-from skipnet.registration.judging.judge import FINE, judge
-from skipnet.scans.evidence import Evidence
+from skipnet.registration.judging.judge import Judge
 from skipnet.types import BoolArray, FloatArray
 
 MIN_DETERMINED = 0.01
@@ -79,41 +78,25 @@ def holds_against(
     return np.clip(share, 0.0, 1.0), motions.T * per_lever
 
 
-def slide(
-    T_target_source: FloatArray,
-    direction: FloatArray,
-    source: Evidence,
-    target: Evidence,
-    samples: int,
-    violation_weight: float,
-) -> FloatArray:
+def slide(T_target_source: FloatArray, direction: FloatArray, judge: Judge) -> FloatArray:
     """Move a pose along one direction to the middle of where the judge likes it best.
 
     Args:
         T_target_source: (4, 4) pose.
         direction: (3,) unit vector, target frame.
-        source: the source's evidence.
-        target: the target's evidence.
-        samples: as in ``judge``.
-        violation_weight: as in ``judge``.
+        judge: of both scans.
     """
     for steps_voxels in STEPS_VOXELS:
-        moved = _moved(T_target_source, direction, steps_voxels * target.voxel_size_m)
-        total = judge(moved, source, target, samples, violation_weight, FINE).total
+        moved = _moved(T_target_source, direction, steps_voxels * judge.voxel_size_m)
+        total = judge.score(moved).total
         good = np.flatnonzero(total >= _PLATEAU * total.max())
-        step_m = steps_voxels[good].mean() * target.voxel_size_m
+        step_m = steps_voxels[good].mean() * judge.voxel_size_m
         T_target_source = _moved(T_target_source, direction, step_m[None])[0]
     return T_target_source
 
 
 def moves_freely(
-    motion: FloatArray,
-    T_target_source: FloatArray,
-    centre_m: FloatArray,
-    source: Evidence,
-    target: Evidence,
-    samples: int,
-    violation_weight: float,
+    motion: FloatArray, T_target_source: FloatArray, centre_m: FloatArray, judge: Judge
 ) -> bool:
     """Whether the judge does not mind a pose being moved a little, to and fro.
 
@@ -121,16 +104,13 @@ def moves_freely(
         motion: (6,) rotation about the centre and translation, per metre of motion, target frame.
         T_target_source: (4, 4) pose.
         centre_m: (3,) target frame.
-        source: the source's evidence.
-        target: the target's evidence.
-        samples: as in ``judge``.
-        violation_weight: as in ``judge``.
+        judge: of both scans.
     """
-    steps_m = FREE_STEPS_VOXELS * target.voxel_size_m
+    steps_m = FREE_STEPS_VOXELS * judge.voxel_size_m
     turns = np.stack([rotation_from_vector(step_m * motion[:3]) for step_m in steps_m])
     shifts_m = centre_m - turns @ centre_m + steps_m[:, None] * motion[3:]
     moved = make_transform(turns, shifts_m) @ T_target_source
-    total = judge(moved, source, target, samples, violation_weight, FINE).total
+    total = judge.score(moved).total
     return bool(total.max(initial=0.0, where=FREE_STEPS_VOXELS != 0) > (1 - MIN_DROP) * total[1])
 
 

@@ -1,0 +1,115 @@
+"""Fine alignment with the judge beside it: dense scans by normals, sparse ones by GICP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skipnet.registration.alignment.refinement import Refinement, refine
+from skipnet.registration.alignment.sparse import refine_sparse
+from skipnet.registration.alignment.thin_planes import lay_on_planes
+from skipnet.registration.judging.judge import HOPELESS, Judge
+from skipnet.registration.judging.score import ROUGH, Score
+from skipnet.registration.judging.sliding import holds, is_weak, slide
+from skipnet.scans.scan import Scan
+from skipnet.types import FloatArray, IntArray
+
+MIN_POLISHED = 0.85
+"""A final fine alignment that leaves the best pose less than this share of its score is undone."""
+SPARSE_FINALISTS = 6
+"""Candidates of sparse scans that are worth fine alignment by GICP, which takes one at a time."""
+SLIDING_FINALISTS = 6
+"""So many candidates are slid along directions that few normals hold ..."""
+WORTH_SLIDING = 0.5
+"""... if they score this share of the best one: a slide adds two thirds to a score at most."""
+MAX_STEPS = 5
+"""Of each candidate's first alignment, at each level."""
+
+Prepared = tuple[IntArray, Refinement, FloatArray, Score]
+"""(K,) rows of the candidates that remain, their alignment, their (K, 4, 4) poses after it, which
+slides may have moved, and the judge's figures for these."""
+
+
+@dataclass(frozen=True)
+class DenseAligner:
+    """Aligns by the normals of voxels, and slides along directions that few normals hold."""
+
+    source: Scan
+    target: Scan
+    judge: Judge
+
+    def prepare(self, start: FloatArray, samples: int) -> Prepared:
+        """Refine (C, 4, 4) candidates a little, with so many voxels of the source."""
+        fine = _refine_roughly(start, self.source, self.target, samples)
+        T, score = self._slide(fine, self.judge.score(fine.T_target_source))
+        return np.arange(len(start)), fine, T, score
+
+    def finish(self, best: Refinement, T_target_source: FloatArray, total: float) -> Refinement:
+        """The final fine alignment of one pose, undone if the judge likes its result less.
+
+        Args:
+            best: the pose as prepared.
+            T_target_source: (4, 4) the same after slides.
+            total: its score.
+        """
+        fine = polish(T_target_source, self.source, self.target)
+        # What hardly anything holds may drift: then the judge likes it less than before.
+        if self.judge.score(fine.T_target_source).total[0] < MIN_POLISHED * total:
+            return replace(best, T_target_source=T_target_source[None])
+        return fine
+
+    def _slide(self, fine: Refinement, score: Score) -> tuple[FloatArray, Score]:
+        """The poses, the best of them moved along their weak directions, and new scores."""
+        T = fine.T_target_source.copy()
+        rows = self.judge.distinct(T, score)[:SLIDING_FINALISTS]
+        for row in rows[score.total[rows] >= WORTH_SLIDING * score.total[rows[0]]]:
+            share, directions = holds(fine.information[row], fine.matched[row])
+            for direction in directions[is_weak(share, fine.matched[row])]:
+                T[row] = slide(T[row], direction, self.judge)
+        slid = (fine.T_target_source != T).any()
+        return T, self.judge.score(T) if slid else score
+
+
+@dataclass(frozen=True)
+class SparseAligner:
+    """Aligns scans of few lines: by GICP, then by the planes that one has and the other touches."""
+
+    source: Scan
+    target: Scan
+    judge: Judge
+
+    def prepare(self, start: FloatArray, samples: int) -> Prepared:
+        """Refine (C, 4, 4) candidates a little, the best few of them by GICP."""
+        judge, voxel_size_m = self.judge, self.judge.voxel_size_m
+        fine = _refine_roughly(start, self.source, self.target, samples)
+        rough = judge.score(fine.T_target_source, ROUGH)
+        rows = judge.distinct(fine.T_target_source, rough)[:SPARSE_FINALISTS]
+        rows = rows[rough.total[rows] >= HOPELESS * rough.total.max()]
+        fine = refine_sparse(fine[rows], self.source.thinned, self.target.thinned, voxel_size_m)
+        return rows, fine, fine.T_target_source, judge.score(fine.T_target_source)
+
+    def finish(self, best: Refinement, T_target_source: FloatArray, total: float) -> Refinement:
+        """The final fine alignment of one prepared pose; nothing slid it, and its score stays."""
+        return lay_on_planes(
+            best,
+            self.source.fine_tree.centroids_m,
+            self.target.fine_tree.centroids_m,
+            self.source.viewpoint_m,
+            self.target.viewpoint_m,
+            self.judge.voxel_size_m,
+        )
+
+
+def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinement:
+    """The final fine alignment of one (4, 4) pose, with every voxel of the two finer levels."""
+    levels = [
+        (source.skipmap, target.skipmap),
+        (source.fine_skipmap, target.fine_skipmap),
+    ]
+    return refine(T_target_source[None], levels)
+
+
+def _refine_roughly(start: FloatArray, source: Scan, target: Scan, samples: int) -> Refinement:
+    levels = [(source.coarse, target.coarse), (source.skipmap, target.skipmap)]
+    return refine(start, levels, samples=samples, max_steps=MAX_STEPS)

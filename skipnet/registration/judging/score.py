@@ -1,0 +1,57 @@
+"""What the judge says of poses, and how strictly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.types import FloatArray
+
+STRAY_SHARE = 0.0003
+"""Share of voxels that may contradict by chance: one of 4000 samples."""
+
+
+@dataclass(frozen=True)
+class Strictness:
+    """What counts as agreement and what as a contradiction."""
+
+    max_distance_voxels: float
+    """Largest distance from the other scan's local plane."""
+    min_normal_cosine: float
+    """Smallest cosine between matching normals."""
+    free_share: float
+    """A point in front of what was seen there by this share of the range ..."""
+    free_voxels: float
+    """... and by this many voxels is in free space."""
+
+
+ROUGH = Strictness(1.0, 0.8, 0.03, 1.5)
+"""For candidates, which may be a voxel off."""
+FINE = Strictness(0.5, 0.8, 0.02, 1.0)
+"""For poses after fine alignment."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """The judge's figures for C candidates; every array is (C,)."""
+
+    total: FloatArray
+    """Overlap, discounted for violations: overlap * exp(-weight * severity), 0 to 1."""
+    overlap: FloatArray
+    """Mean of both ways' matched shares, 0 to 1."""
+    violation: FloatArray
+    """Mean of both ways' shares that contradict seen free space, 0 to 1."""
+
+
+def severity(violation: FloatArray) -> FloatArray:
+    """How much shares of violating voxels say against a pose.
+
+    It grows as the square root does: the first few contradictions say most, because right poses of
+    still scenes have none at all, while in a busy street even the right one has some per cent. A
+    stray voxel or two say little.
+
+    >>> severity(np.array([0.0, 0.0001, 0.01])).round(3)
+    array([0.   , 0.003, 0.084])
+    """
+    return np.sqrt(violation + STRAY_SHARE) - np.sqrt(STRAY_SHARE)

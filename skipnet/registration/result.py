@@ -1,0 +1,66 @@
+"""What a registration returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from skipnet.registration.findings import Findings
+from skipnet.types import FloatArray, Status
+
+
+@dataclass(frozen=True)
+class ScanFacts:
+    """What was assumed of one scan, in the frame that it was given in."""
+
+    extent_m: FloatArray | None
+    """(3,) along its principal axes; None without voxels."""
+    viewpoint_m: FloatArray | None
+    """(3,) sensor position; None when unknown."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What ``skipnet.register`` returns."""
+
+    T_target_source: FloatArray
+    """(4, 4) float64, ``p_target = T_target_source @ p_source``, after fine alignment."""
+    T_target_source_coarse: FloatArray
+    """(4, 4) float64, before fine alignment."""
+    status: Status
+    """Registered, ambiguous or failed."""
+    confidence: float
+    """In [0, 1]: the share of results with this value that are right; 0 surely wrong, 1 right."""
+    reason: str
+    """One sentence for a person: why this status."""
+    voxel_size_m: float
+    """Edge of a voxel."""
+    source: ScanFacts
+    target: ScanFacts
+    findings: Findings | None = None
+    """What the verdict rests on; None when no pose was proposed."""
+    timings_s: dict[str, float] = field(default_factory=dict)
+    """Seconds per stage, in the order of the pipeline."""
+
+    @property
+    def details(self) -> dict[str, object]:
+        """What was assumed and found, as JSON has it."""
+        found = {} if self.findings is None else self.findings.as_json
+        extents = [
+            " x ".join(f"{length:.3g}" for length in scan.extent_m)
+            for scan in (self.source, self.target)
+            if scan.extent_m is not None
+        ]
+        reach = f"; the scans extend over {' and '.join(extents)}" if extents else ""
+        return {
+            "unit": f"coordinates taken as metres{reach}",
+            "voxel_size_m": self.voxel_size_m,
+            "source_viewpoint_m": _listed(self.source.viewpoint_m),
+            "target_viewpoint_m": _listed(self.target.viewpoint_m),
+            **{name: found.get(name) for name in Findings.JSON_NAMES},
+        }
+
+
+def _listed(position_m: FloatArray | None) -> list[float] | None:
+    return None if position_m is None else np.asarray(position_m).tolist()
