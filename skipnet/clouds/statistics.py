@@ -53,6 +53,22 @@ def bounds(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     return low_m, high_m
 
 
+@compiled
+def farthest_m(points_m: FloatArray, middle_m: FloatArray) -> float:
+    """The distance of the farthest of (N, 3) points from a (3,) place."""
+    farthest_m2 = 0.0
+    for i in range(len(points_m)):
+        x, y, z = (
+            points_m[i, 0] - middle_m[0],
+            points_m[i, 1] - middle_m[1],
+            points_m[i, 2] - middle_m[2],
+        )
+        square_m2 = x * x + y * y + z * z
+        if square_m2 > farthest_m2:  # hardly ever, and nobody waits for the last one's maximum
+            farthest_m2 = square_m2
+    return np.sqrt(farthest_m2)
+
+
 def central_moments(points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Sums over (N, 3) points, in one pass.
 

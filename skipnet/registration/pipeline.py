@@ -100,7 +100,7 @@ def register_scans(
         T_target_source_coarse=answer.T_target_source_coarse,
         status=answer.verdict.status,
         confidence=answer.verdict.confidence,
-        reason=answer.verdict.reason,
+        reason=_with_strays(answer.verdict.reason, source.strays + target.strays),
         voxel_size_m=source.skipmap.voxel_size_m,
         source=_facts(source),
         target=_facts(target),
@@ -112,7 +112,12 @@ def register_scans(
 def _facts(scan: Scan) -> ScanFacts:
     """What is known about one scan, for the result."""
     extent_m = np.ptp(scan.evidence.points_m, axis=0) if len(scan.skipmap) else None
-    return ScanFacts(extent_m, scan.viewpoint_given_m)
+    return ScanFacts(extent_m, scan.viewpoint_given_m, scan.strays)
+
+
+def _with_strays(reason: str, strays: int) -> str:
+    """The reason, and how many points had no say."""
+    return f"{reason}; {strays} points far from all others were left out" if strays else reason
 
 
 def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:

@@ -18,6 +18,8 @@ class ScanFacts:
     """(3,) along its principal axes; None without voxels."""
     viewpoint_m: FloatArray | None
     """(3,) sensor position; None when unknown."""
+    strays: int = 0
+    """Points far from all others, which were left out."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ class Registration:
             "voxel_size_m": self.voxel_size_m,
             "source_viewpoint_m": _listed(self.source.viewpoint_m),
             "target_viewpoint_m": _listed(self.target.viewpoint_m),
+            "source_strays": self.source.strays,
+            "target_strays": self.target.strays,
             **{name: found.get(name) for name in Findings.JSON_NAMES},
         }
 

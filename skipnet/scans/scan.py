@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from skipnet.clouds.cleaning import validate
 from skipnet.clouds.statistics import principal_frame
+from skipnet.clouds.strays import find_strays
 from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
 from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
@@ -89,6 +90,8 @@ class Scan:
 
     T_given_own: FloatArray
     """(4, 4) from the scan's own frame, in which all the rest is, to the frame it was given in."""
+    strays: int
+    """Points left out of all the rest because they lie far from all others."""
     skipmap: SkipMap
     """At the voxel size: what features, hypotheses and verification use."""
     coarse: SkipMap
@@ -186,19 +189,27 @@ def describe(
         voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
         seed: of the order in which the judge samples voxels.
     """
+    clouds_m, strays = zip(*side_by_side(_without_strays, clouds_m), strict=True)
     points_m = [points_of(cloud_m) for cloud_m in clouds_m]
     frames = side_by_side(principal_frame, points_m)
     if voxel_size_m is None:
         voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
     background = ThreadPoolExecutor(1)
     one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed, background=background)
-    scans = side_by_side(one, clouds_m, viewpoints, frames)
+    scans = side_by_side(one, clouds_m, strays, viewpoints, frames)
     background.shutdown(wait=False)  # goes on without being waited for
     return scans
 
 
+def _without_strays(cloud_m: Cloud) -> tuple[Cloud, int]:
+    """The cloud without points far from all others, and how many they are."""
+    strays = None if isinstance(cloud_m, SkipTree) else find_strays(cloud_m)
+    return (cloud_m, 0) if strays is None else (cloud_m[~strays], int(strays.sum()))
+
+
 def _describe_one(
     cloud_m: Cloud,
+    strays: int,
     viewpoint: Viewpoint,
     T_given_own: FloatArray,
     voxel_size_m: float,
@@ -220,6 +231,7 @@ def _describe_one(
     rng = np.random.default_rng(seed)
     return Scan(
         T_given_own=T_given_own,
+        strays=strays,
         skipmap=skipmap,
         coarse=skipmap_of_tree(tree.coarser(), viewpoint_m),
         fine_tree=fine_tree,
