@@ -144,7 +144,8 @@ class EvaluateConfig:
     protocol: ProtocolKind | None = None
     """Rule by which a pose counts as right; null takes the data set's own."""
     seed: int = 0
-    """Simulated: seed of the first pair (pair i has seed + i). Folder: of the random motions."""
+    """Simulated: number of the first scene, among those that nothing was made from
+    (``skipnet.simulation.seeds``). Folder: seed of the random motions."""
     family: str = "paper_room"
     """Simulated: family of scenes; all takes every one whose scans have one answer only."""
     pairs: int = 40

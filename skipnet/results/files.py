@@ -74,8 +74,9 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     Prints how far the result is from the truth, which the registration never saw.
     """
     from skipnet.simulation.scanning.pairs import simulate_pair
+    from skipnet.simulation.seeds import DEMO
 
-    pair = simulate_pair(SIMULATED_FAMILY, choices.seed).pair
+    pair = simulate_pair(SIMULATED_FAMILY, DEMO.scene(choices.seed)).pair
     inputs = {name: str(output_dir / f"simulated_{name}.ply") for name in ("source", "target")}
     write_ply(inputs["source"], pair.source_m)
     write_ply(inputs["target"], pair.target_m)

@@ -17,9 +17,9 @@ from skipnet.geometry import transform_points
 from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.pairs import SimulatedPair, simulate_pair
 from skipnet.simulation.scanning.scanner import find_scanner
+from skipnet.simulation.seeds import ACCURACY
 from skipnet.types import FloatArray, IntArray
 
-FIRST_SEED = 60_000
 FAMILIES = ("paper_room", "oblique", "doorway")
 PATCH_M = 0.2
 GICP_VOXEL_M = 0.05
@@ -84,7 +84,7 @@ def main(pairs: int = 20) -> None:
         ours_m: list[float] = []
         gicp_m: list[float] = []
         least_m: list[float] = []
-        for seed in range(FIRST_SEED, FIRST_SEED + pairs):
+        for seed in ACCURACY.take(pairs):
             pair = simulate_pair(family, seed, rotation="any")
             truth, clouds = pair.T_target_source, pair.pair
             result = register(clouds.source_m, clouds.target_m)

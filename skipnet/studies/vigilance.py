@@ -21,9 +21,9 @@ from skipnet.metrics.calibration import expected_calibration_error
 from skipnet.parallel.pools import worker_pool
 from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.seeds import VIGILANCE, VIGILANCE_APART
 from skipnet.types import Pair
 
-FIRST_SEED = 70_000
 POSITIVES = {
     "paper room": ("paper_room", "terrestrial", "yaw"),
     "paper room, any rotation": ("paper_room", "terrestrial", "any"),
@@ -75,16 +75,15 @@ class Outcome:
 
 def cases(pairs: int, negatives: int) -> list[Case]:
     """Every registration of a run; negatives are half from one shell, half from all families."""
-    seeds = range(FIRST_SEED, FIRST_SEED + pairs)
+    seeds = VIGILANCE.take(pairs)
     chosen = [
         Case(group, recipe, seed, seed)
         for group, recipe in (*POSITIVES.items(), *OPEN.items())
         for seed in seeds[: None if group in POSITIVES else max(pairs // 5, 1)]
     ]
-    for index in range(negatives):
+    for index, seed in enumerate(VIGILANCE_APART.take(negatives + 1)[:negatives]):
         recipe = SAME_SHELL if index % 2 == 0 else OTHERS[index // 2 % len(OTHERS)]
         group = "negatives, one shell" if index % 2 == 0 else "negatives, other rooms"
-        seed = FIRST_SEED + 1000 + index
         chosen.append(Case(group, recipe, seed, seed + 1))
     return chosen
 

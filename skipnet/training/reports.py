@@ -18,6 +18,7 @@ from skipnet.metrics import correspondences as judging
 from skipnet.metrics.classes import confusion_matrix, macro_f1
 from skipnet.metrics.correspondences import TwoScans
 from skipnet.networks.numpy_network import Descriptor
+from skipnet.simulation.seeds import CLASS_TEST
 from skipnet.storage import replacing, write_text
 from skipnet.training.data.labelled import Recipe, Samples, label_scene
 from skipnet.training.data.pairs import PatchPairs
@@ -33,7 +34,7 @@ from skipnet.viz import dashboard, pictures
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
-PICTURE_SEED = 2000
+PICTURE_SEED = CLASS_TEST.scene(0)
 """Scene of the Skip-maps in TensorBoard: the first one of the test."""
 _DRAWN_EPOCHS = 10
 """The confusion matrix is drawn every so many epochs."""

@@ -75,9 +75,9 @@ def test_thresholds_and_names_come_from_the_file(folder):
 
 def test_simulated_pairs_are_named_by_their_seed():
     pairs = simulated_pairs("paper_room", 2, seed=7, points=500)
-    assert pairs.names == ("paper_room_0007", "paper_room_0008")
+    assert pairs.names == ("paper_room_100007", "paper_room_100008")
     first, again = pairs.load(1), simulated_pairs("paper_room", 1, seed=8, points=500).load(0)
-    assert first.name == again.name == "paper_room_0008"
+    assert first.name == again.name == "paper_room_100008"
     np.testing.assert_array_equal(first.source_m, again.source_m)
 
 
@@ -149,8 +149,8 @@ def test_unknown_choices_are_refused_before_any_pair_is_made(options):
 
 def test_all_families_come_one_after_the_other():
     pairs = simulated_pairs("all", 1, points=500)
-    assert {"paper_room_0000", "doorway_0000"} <= set(pairs.names)
-    assert pairs.load(1).set_name == pairs.names[1].removesuffix("_0000")
+    assert {"paper_room_100000", "doorway_100000"} <= set(pairs.names)
+    assert pairs.load(1).set_name == pairs.names[1].removesuffix("_100000")
 
 
 # --- disturbances ---------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from skipnet.benchmark.reporting.speed_report import exponents, summarise
 from skipnet.benchmark.running.speed import measure, middle, peak_bytes, run_speed, simulate_size
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.seeds import SPEED
 
 SIZES = [2000, 4000]
 
@@ -119,8 +120,8 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
     assert len(lines) == 6, "one line for each pair, method and size, however often it ran"
     turns = [(seed, method) for size, seed, method in timed if size == SIZES[0]]
     there, back = ["skipnet", "icp"], ["icp", "skipnet"]
-    assert [method for seed, method in turns if seed == 0] == there + back
-    assert [method for seed, method in turns if seed == 1] == back + there
+    assert [method for seed, method in turns if seed == SPEED.first] == there + back
+    assert [method for seed, method in turns if seed == SPEED.first + 1] == back + there
     assert all(line["points"] == pytest.approx(2 * line["size"], rel=0.1) for line in lines)
     report = (run / "report.md").read_text()
     assert "ICP directly takes" in report and "| skip-map |" in report

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from skipnet.benchmark.datasets.pairset import PairSet
 from skipnet.metrics.poses import measured_overlap
+from skipnet.simulation.seeds import OVERLAP
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.types import FloatArray, Pair
 
@@ -17,7 +18,6 @@ GOALS = ((0.0, 0.05), (0.15, 0.10), (0.75, 0.30), (1.0, 0.60))
 TOLERANCE = 0.02
 """A pair may miss its goal by this much."""
 SEARCH_STEPS = 10
-TRIES = 12
 MIN_POINTS = 2000
 
 
@@ -54,18 +54,20 @@ Clouds = Callable[[float], tuple[FloatArray, FloatArray, FloatArray]]
 
 
 def overlapping_pairs(count: int, seed: int = 0) -> PairSet:
-    """``count`` pairs of each of ``KINDS``; pair i of a kind starts from seed ``seed + i``."""
+    """``count`` pairs of each of ``KINDS``; pair i is of scene number ``seed + i``."""
     if count < 1:
         raise ValueError(f"pairs={count}: expected at least one pair of each kind")
     plan = [(kind, index) for index in range(count) for kind in KINDS]
-    names = tuple(f"{kind.name}_{seed + index:04d}" for kind, index in plan)
+    seeds = OVERLAP.take(count, skip=seed)
+    names = tuple(f"{kind.name}_{seeds[index]}" for kind, index in plan)
 
     def load(position: int) -> Pair:
         """The planned pair, its scene turned until the overlap is the goal."""
         kind, index = plan[position]
         # The kinds' goals interleave: together they fill the range evenly.
         share = (index + (KINDS.index(kind) + 0.5) / len(KINDS)) / count
-        return make_pair(kind, seed + index, goal_overlap(share), names[position])
+        stand_ins = OVERLAP.stand_ins(seed + index)
+        return make_pair(kind, stand_ins, goal_overlap(share), names[position])
 
     return PairSet(names, load)
 
@@ -80,18 +82,19 @@ def goal_overlap(share: float) -> float:
     return round(float(np.interp(share, shares, overlaps)), 6)
 
 
-def make_pair(kind: Kind, seed: int, overlap: float, name: str) -> Pair:
-    """The first pair of the kind, over scenes ``seed``, ``seed`` + 1000, ..., near that overlap.
+def make_pair(kind: Kind, seeds: Sequence[int], overlap: float, name: str) -> Pair:
+    """The first pair of the kind near that overlap, over the scenes of these seeds.
 
     Raises:
-        ValueError: none of ``TRIES`` scenes gave such a pair.
+        ValueError: none of the scenes gave such a pair.
     """
-    for attempt in range(TRIES):
-        clouds, farthest_rad = _scene(kind, seed + 1000 * attempt)
+    for seed in seeds:
+        clouds, farthest_rad = _scene(kind, seed)
         pair = _search(clouds, farthest_rad, overlap, kind, name)
         if pair is not None:
             return pair
-    raise ValueError(f"{name}: {TRIES} scenes gave no overlap of {overlap:.0%}; take another seed")
+    count = len(seeds)
+    raise ValueError(f"{name}: {count} scenes gave no overlap of {overlap:.0%}; take another seed")
 
 
 def _scene(kind: Kind, seed: int) -> tuple[Clouds, float]:

@@ -17,13 +17,13 @@ def simulated_pairs(
     rotation: str = "yaw",
     points: int | None = None,
 ) -> PairSet:
-    """``count`` simulated pairs of one family, or of all; pair i is made from seed ``seed + i``.
+    """``count`` simulated pairs of one family, or of all; pair i is of scene number ``seed + i``.
 
     Args:
         family: one of ``skipnet.simulation.scenes.FAMILIES``, or "all": ``count``
             pairs of each whose scans have one answer only.
         count: number of pairs, at least 1.
-        seed: seed of the first pair.
+        seed: number of the first scene among those of ``skipnet.simulation.seeds.BENCHMARK``.
         scanner: one of ``skipnet.simulation.scanner.SCANNERS``.
         rotation: "yaw" keeps the second scanner upright, "any" turns it freely.
         points: beams per scan; None takes the scanner's own number.
@@ -31,6 +31,7 @@ def simulated_pairs(
     from skipnet.simulation.scanning.pairs import ROTATIONS, simulate_pair
     from skipnet.simulation.scanning.scanner import SCANNERS
     from skipnet.simulation.scenes.scenes import AMBIGUOUS_FAMILIES, FAMILIES
+    from skipnet.simulation.seeds import BENCHMARK
 
     if count < 1:
         raise ValueError(f"pairs={count}: expected at least one simulated pair")
@@ -40,13 +41,13 @@ def simulated_pairs(
     check_known("rotation", rotation, ROTATIONS)
     unique = [one for one in FAMILIES if one not in AMBIGUOUS_FAMILIES]
     families = unique if family == "all" else [family]
-    plan = [(one, seed + index) for one in families for index in range(count)]
-    names = tuple(f"{one}_{scene_seed:04d}" for one, scene_seed in plan)
+    plan = [(one, of_scene) for one in families for of_scene in BENCHMARK.take(count, skip=seed)]
+    names = tuple(f"{one}_{of_scene}" for one, of_scene in plan)
 
     def load(index: int) -> Pair:
         """The planned scene of that index, scanned from two places."""
-        one, scene_seed = plan[index]
-        simulated = simulate_pair(one, scene_seed, scanner, rotation, points)
+        one, of_scene = plan[index]
+        simulated = simulate_pair(one, of_scene, scanner, rotation, points)
         return replace(simulated.pair, name=names[index])
 
     return PairSet(names, load)

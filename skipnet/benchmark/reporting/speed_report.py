@@ -133,8 +133,8 @@ def _about(config: EvaluateConfig) -> dict[str, str]:
         "benchmark": config.benchmark,
         "methods": ", ".join(config.methods),
         "scans": f"{', '.join(config.speed.families)}; {_listed(config.speed.points)} points each",
-        "pairs": f"{config.pairs} of each size, scenes from seed {config.seed}; of each the middle "
-        f"one of {config.speed.repeats} runs",
+        "pairs": f"{config.pairs} of each size, from scene number {config.seed} on; of each the "
+        f"middle one of {config.speed.repeats} runs",
         "limits": ", ".join(f"{m}: {n:,} points" for m, n in config.speed.most_points.items())
         or "none",
     }

@@ -28,6 +28,7 @@ from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.geometry import pose_error
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import check_families
+from skipnet.simulation.seeds import SPEED
 from skipnet.types import FloatArray, Pair
 
 MEASUREMENTS_FILE = "measurements.jsonl"
@@ -71,6 +72,7 @@ def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str
 def _check(config: EvaluateConfig, path: Path) -> None:
     """Refuse what cannot be measured, before anything is."""
     check_families(config.speed.families)
+    SPEED.take(config.pairs, skip=config.seed)
     for name in config.methods:
         before = config.variants[name].start_from
         if before:
@@ -90,17 +92,17 @@ def _check(config: EvaluateConfig, path: Path) -> None:
 
 def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
     """Every method on every pair of every family and size, small sizes first."""
+    seeds = SPEED.take(config.pairs, skip=config.seed)
     for family in config.speed.families:
         methods = {name: make_method(*_recipe(config, name, family)) for name in config.methods}
-        small = simulate_size(family, config.seed, _WARM_UP_POINTS)
+        small = simulate_size(family, seeds[0], _WARM_UP_POINTS)
         for name, method in methods.items():
             measure(
-                method, small, Measurement(family, _WARM_UP_POINTS, name, config.seed, 0, 0, False)
+                method, small, Measurement(family, _WARM_UP_POINTS, name, seeds[0], 0, 0, False)
             )
         for size in config.speed.points:
             names = [name for name in config.methods if size <= _most_points(config, name)]
-            for turn in range(config.pairs):
-                seed = config.seed + turn
+            for turn, seed in enumerate(seeds):
                 pair = simulate_size(family, seed, size)
                 runs: dict[str, list[Measurement]] = {name: [] for name in names}
                 for repeat in range(config.speed.repeats):

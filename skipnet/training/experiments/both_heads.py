@@ -24,6 +24,7 @@ from skipnet.networks.numpy_network import Descriptor
 from skipnet.parallel.pools import Each, mapping, worker_pool
 from skipnet.simulation.scanning.degrading import Recipe
 from skipnet.simulation.scenes.scenes import check_families
+from skipnet.simulation.seeds import DESCRIPTOR_TEST, DESCRIPTOR_VALIDATION, TRAINING
 from skipnet.storage import write_config, write_text
 from skipnet.training import reports
 from skipnet.training import reports as reporting
@@ -49,8 +50,7 @@ from skipnet.viz import dashboard
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
-FIRST_SEED = {"training": 0, "validation": 10_000, "test": 20_000}
-"""Scenes of the three sets never share a seed."""
+SEEDS = {"training": TRAINING, "validation": DESCRIPTOR_VALIDATION, "test": DESCRIPTOR_TEST}
 CHECKPOINT, CLASSES_CHECKPOINT = "checkpoint.pt", "classes_checkpoint.pt"
 
 
@@ -173,7 +173,7 @@ def make_unseen(config: TrainConfig) -> Unseen:
 def _seeds(options: DescriptorTrainConfig, name: str) -> range:
     """Of the pairs of scans of one set."""
     count: int = getattr(options, f"{name}_pairs")
-    return range(FIRST_SEED[name], FIRST_SEED[name] + count)
+    return SEEDS[name].take(count)
 
 
 def _scans(options: DescriptorTrainConfig, name: str, each: Each) -> list[TwoScans]:

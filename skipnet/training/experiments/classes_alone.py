@@ -15,6 +15,7 @@ from skipnet.metrics.classes import confusion_matrix, macro_f1
 from skipnet.parallel.pools import mapping
 from skipnet.simulation.scanning.scanner import find_scanner
 from skipnet.simulation.scenes.scenes import check_families
+from skipnet.simulation.seeds import CLASS_TEST, CLASS_VALIDATION, TRAINING
 from skipnet.storage import write_config
 from skipnet.training import reports
 from skipnet.training.data.labelled import Recipe, Samples, make_samples, thin
@@ -36,8 +37,7 @@ from skipnet.training.trainer import TrainingOutcome
 from skipnet.types import FeatureClass, FloatArray, IntArray
 from skipnet.viz.dashboard import open_dashboard
 
-FIRST_SEED = {"training": 0, "validation": 1000, "test": 2000}
-"""Scenes of the three sets never share a seed."""
+SEEDS = {"training": TRAINING, "validation": CLASS_VALIDATION, "test": CLASS_TEST}
 CHECKPOINT = "checkpoint.pt"
 RANDOM_SHARES = (0.70, 0.15, 0.15)
 """Training, validation and test of a random split (MATLAB's dividerand)."""
@@ -124,7 +124,7 @@ def class_recipe(
 def class_seeds(data: DataConfig, name: str) -> range:
     """Of the scenes of the training, validation or test set."""
     count: int = getattr(data, f"{name}_scenes")
-    return range(FIRST_SEED[name], FIRST_SEED[name] + count)
+    return SEEDS[name].take(count)
 
 
 def make_sets(config: TrainConfig) -> Sets:
