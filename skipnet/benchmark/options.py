@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
 from typing import Any
 
 from skipnet.checks import require
+from skipnet.networks.names import weights_file
 
 
 class DatasetKind(Enum):
@@ -173,7 +173,7 @@ class EvaluateConfig:
     variants: dict[str, VariantConfig] = field(default_factory=standard_variants)
     """Every method that can be chosen."""
     weights: str | None = None
-    """A descriptor.npz that train.py wrote: adds matching on it, and on the shipped one, to the
+    """A network, by name or file of train.py: adds matching on it, and on the shipped one, to the
     methods."""
     speed: SpeedConfig = field(default_factory=SpeedConfig)
     """benchmark=speed: the sizes of its scans, and what of each to measure."""
@@ -209,7 +209,7 @@ class EvaluateConfig:
         self._check_methods()
 
     def _add_weights(self, weights: str) -> None:
-        require(Path(weights).is_file(), "weights", weights, "a descriptor.npz of train.py")
+        weights_file(weights, "weights")
         options = {"descriptor": "learned", "weights": weights}
         label = f"{weights} + SC2-PCR + ICP"
         self.variants["other_weights"] = VariantConfig("matching", label, options=options)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.features.cylinders import choose_keypoints, cylinder_patches, turned_over
+from skipnet.features.cylinders import choose_keypoints
 from skipnet.features.fpfh import fpfh
 from skipnet.features.frames import tangent_frames
 from skipnet.features.matching import mutual_nearest
 from skipnet.geometry import transform_points
-from skipnet.networks.describing import MAX_KEYPOINTS, correspond, describe_keypoints
-from skipnet.networks.numpy_network import Descriptor
+from skipnet.networks.describing import correspond, describe_keypoints
+from skipnet.networks.model import Model
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -65,7 +65,7 @@ def match(scans: TwoScans, find: Correspond) -> Match:
     return Match(inlier_ratio(scans, rows_s, rows_t), overlap, seconds)
 
 
-def by_network(scans: TwoScans, descriptor: Descriptor) -> tuple[IntArray, IntArray]:
+def by_network(scans: TwoScans, descriptor: Model) -> tuple[IntArray, IntArray]:
     """The learned descriptor's correspondences."""
     return correspond(scans.source, scans.target, descriptor)[:2]
 
@@ -77,7 +77,7 @@ def by_fpfh(scans: TwoScans, keypoints: tuple[IntArray, IntArray]) -> tuple[IntA
     return keypoints[0][of_source], keypoints[1][of_target]
 
 
-def keypoints_of(scans: TwoScans, descriptor: Descriptor) -> tuple[IntArray, IntArray]:
+def keypoints_of(scans: TwoScans, descriptor: Model) -> tuple[IntArray, IntArray]:
     """The rows of both scans between which the learned descriptor looks for correspondences."""
     rows_s, _ = describe_keypoints(scans.source, descriptor)
     rows_t, _ = describe_keypoints(scans.target, descriptor, both_sides=not scans.oriented)
@@ -121,34 +121,38 @@ class Keypoints:
     """Patches of the keypoints of two scans, cut out once to be described again and again."""
 
     source: FloatArray
-    """(K, 5, 100)"""
+    """(K, ...)"""
     target: FloatArray
-    """(L, 5, 100)"""
+    """(L, ...)"""
     source_voxels: FloatArray
     """(K, 3) where the source's truly lie in the target's frame, in voxels."""
     target_voxels: FloatArray
     """(L, 3) where the target's lie."""
 
     @staticmethod
-    def of(scans: TwoScans) -> Keypoints:
+    def of(scans: TwoScans, descriptor: Model) -> Keypoints:
         """All those that are described: training shall do well on the less matchable ones too."""
-        rows_s, rows_t = (choose_keypoints(s, MAX_KEYPOINTS) for s in (scans.source, scans.target))
+        rows_s, rows_t = (
+            choose_keypoints(s, descriptor.max_keypoints) for s in (scans.source, scans.target)
+        )
         moved_m = transform_points(scans.T_target_source, scans.source.centroids_m[rows_s])
         patches_t, places_m = (
-            cylinder_patches(scans.target, rows_t),
+            descriptor.cut(scans.target, rows_t),
             scans.target.centroids_m[rows_t],
         )
         if not scans.oriented:
-            patches_t = np.concatenate([patches_t, turned_over(patches_t)])
+            patches_t = np.concatenate([patches_t, descriptor.turned_over(patches_t)])
             places_m = np.concatenate([places_m, places_m])
         size_m = scans.source.voxel_size_m
         return Keypoints(
-            cylinder_patches(scans.source, rows_s), patches_t, moved_m / size_m, places_m / size_m
+            descriptor.cut(scans.source, rows_s), patches_t, moved_m / size_m, places_m / size_m
         )
 
-    def inlier_ratio(self, descriptor: Descriptor) -> float:
+    def inlier_ratio(self, descriptor: Model) -> float:
         """Share of right ones among the descriptor's correspondences."""
-        rows_s, rows_t, _ = mutual_nearest(descriptor(self.source), descriptor(self.target))
+        rows_s, rows_t, _ = mutual_nearest(
+            *(descriptor.read(p)[0] for p in (self.source, self.target))
+        )
         gap_voxels = self.source_voxels[rows_s] - self.target_voxels[rows_t]
         return _share(np.linalg.norm(gap_voxels, axis=1))
 

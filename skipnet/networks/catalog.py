@@ -1,48 +1,91 @@
-"""Networks by name: the shipped weights, loading and saving."""
+"""Networks from files: weights (.npz) and the card beside them (.json)."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from skipnet.networks.numpy_network import CLASS_LAYERS, SHARED_LAYERS, Descriptor
+from skipnet.networks.model import Model, digest_of
+from skipnet.networks.names import SHIPPED, weights_file
+from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.storage import replacing, write_text
 from skipnet.types import FloatArray
 
-SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "descriptor.npz"
+ARCHITECTURES: dict[str, Callable[[dict[str, FloatArray], dict[str, Any]], Model]] = {
+    SmallNetwork.architecture: SmallNetwork,
+}
+"""What makes a network of weights and card, by the card's "architecture"."""
 
 
-def rounded(weights: dict[str, FloatArray]) -> dict[str, FloatArray]:
+def find_network(network: str = SHIPPED) -> Model:
+    """A network by its name, "shipped" or another that the package holds, or by its file.
+
+    A file is read once, as long as it stays as it is.
+
+    Raises:
+        ValueError: neither a name nor a file, or a file that holds no such network whole.
+        FileNotFoundError: a file without its card.
+    """
+    path = weights_file(network)
+    return _read_once(path.resolve(), path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)
+def _read_once(path: Path, changed_ns: int) -> Model:
+    return load_network(path)
+
+
+def rounded(weights: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """The float32 weights that a file of float16 gives back."""
     return {name: array.astype(np.float16).astype(np.float32) for name, array in weights.items()}
 
 
-def save_descriptor(descriptor: Descriptor, path: Path) -> None:
-    """Write the weights, in float16, to ``path`` (.npz) and the card beside them (.json)."""
-    halves = {name: array.astype(np.float16) for name, array in descriptor.weights.items()}
+def save_network(weights: Mapping[str, FloatArray], card: Mapping[str, Any], path: Path) -> None:
+    """Write weights, in float16, to ``path`` (.npz) and the card beside them (.json).
+
+    Args:
+        weights: of the network.
+        card: how it came about, with its "architecture"; the weights' hash is added to it.
+        path: of the weights; the folder is made when missing.
+    """
+    halves = {name: array.astype(np.float16) for name, array in weights.items()}
     with replacing(path) as temporary:
         np.savez_compressed(temporary, **halves)  # type: ignore[arg-type]  # NumPy's own stubs
-    write_text(path.with_suffix(".json"), json.dumps(descriptor.card, indent=2) + "\n")
+    signed = {**card, "digest": digest_of(rounded(weights))}
+    write_text(path.with_suffix(".json"), json.dumps(signed, indent=2) + "\n")
 
 
-def load_descriptor(path: Path = SHIPPED_WEIGHTS) -> Descriptor:
-    """Read weights and card, by default the ones that ship with the package.
+def load_network(path: Path) -> Model:
+    """Read weights and card.
 
     Raises:
         FileNotFoundError: no weights or no card there.
-        ValueError: the file holds other weights than the network's.
+        ValueError: the weights are not those that the card was written for, or not those of its
+            architecture.
     """
     card_path = path.with_suffix(".json")
     for file in (path, card_path):
         if not file.is_file():
             raise FileNotFoundError(f"no file of the network {file}; python train.py writes one")
+    card = json.loads(card_path.read_text())
     with np.load(path, allow_pickle=False) as arrays:
         weights = {name: arrays[name].astype(np.float32) for name in arrays.files}
-    expected = {
-        f"{layer}_{kind}" for layer in SHARED_LAYERS + CLASS_LAYERS for kind in ("weight", "bias")
-    }
-    if set(weights) != expected:
-        raise ValueError(f"{path} holds {sorted(weights)}, expected {sorted(expected)}")
-    return Descriptor(weights, json.loads(card_path.read_text()))
+    found, expected = digest_of(weights), card.get("digest")
+    if found != expected:
+        raise ValueError(
+            f"{path} is not whole, or not the file of its card: its weights have the digest "
+            f"{found}, the card says {expected}"
+        )
+    make = ARCHITECTURES.get(card.get("architecture", ""))
+    if make is None:
+        known = " or ".join(ARCHITECTURES)
+        raise ValueError(f"{card_path}: architecture is {card.get('architecture')}, not {known}")
+    try:
+        return make(weights, card)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error

@@ -4,59 +4,59 @@ from __future__ import annotations
 
 import numpy as np
 
-from skipnet.features.cylinders import choose_keypoints, cylinder_patches, turned_over
+from skipnet.features.cylinders import choose_keypoints
 from skipnet.features.matching import mutual_nearest
 from skipnet.features.patches import build_patches
-from skipnet.networks.numpy_network import Descriptor
+from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
-MAX_KEYPOINTS = 2000
-"""Voxels described per scan: more find few further correspondences and cost as much again."""
 KEPT_SHARE = 0.6
-"""Of these, the most matchable are matched: the others give far more wrong matches than right."""
+"""Of the voxels described, the most matchable are matched: the others give far more wrong matches
+than right."""
 
 
 @one_blas_thread
 def describe_keypoints(
     skipmap: SkipMap,
-    descriptor: Descriptor,
+    network: Model,
     both_sides: bool = False,
-    max_keypoints: int = MAX_KEYPOINTS,
+    max_keypoints: int | None = None,
 ) -> tuple[IntArray, FloatArray]:
     """The voxels of a scan that are likeliest to be recognised in another, and their descriptors.
 
     Args:
         skipmap: the scan's Skip-map.
-        descriptor: from ``load_descriptor``.
+        network: describes and says what is matchable.
         both_sides: describe each voxel with both signs of its normal.
-        max_keypoints: voxels described, the most curved ones; the most matchable are returned.
+        max_keypoints: voxels described, the most curved ones; the most matchable are returned. None
+            takes as many as the network asks for.
 
     Returns:
         (K,) rows of the Skip-map, a row twice at most if both sides are described, and (K, D).
     """
-    rows = choose_keypoints(skipmap, max_keypoints)
-    patches = cylinder_patches(skipmap, rows)
+    rows = choose_keypoints(skipmap, max_keypoints or network.max_keypoints)
+    patches = network.cut(skipmap, rows)
     if both_sides:
-        patches = np.concatenate([patches, turned_over(patches)])
+        patches = np.concatenate([patches, network.turned_over(patches)])
         rows = np.concatenate([rows, rows])
-    described, matchable = descriptor.read(patches)
+    described, matchable = network.read(patches)
     kept = np.argsort(-matchable, kind="stable")[: int(np.ceil(KEPT_SHARE * len(rows)))]
     return rows[kept], described[kept]
 
 
-def classify_voxels(skipmap: SkipMap, rows: IntArray, descriptor: Descriptor) -> FloatArray:
+def classify_voxels(skipmap: SkipMap, rows: IntArray, network: Model) -> FloatArray:
     """(K, 5) probabilities of the classes, in the order of ``FeatureClass``, of (K,) voxels."""
-    return descriptor.classify(build_patches(skipmap, rows), cylinder_patches(skipmap, rows))
+    return network.classify(build_patches(skipmap, rows), network.cut(skipmap, rows))
 
 
 @one_blas_thread
 def correspond(
     source: SkipMap,
     target: SkipMap,
-    descriptor: Descriptor,
-    max_keypoints: int = MAX_KEYPOINTS,
+    network: Model,
+    max_keypoints: int | None = None,
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Voxels of two scans that recognise each other.
 
@@ -66,7 +66,7 @@ def correspond(
     Args:
         source: Skip-map of the source.
         target: Skip-map of the target.
-        descriptor: from ``load_descriptor``.
+        network: describes and says what is matchable.
         max_keypoints: voxels described per scan, see ``describe_keypoints``.
 
     Returns:
@@ -75,7 +75,7 @@ def correspond(
     """
     unknown = source.viewpoint_m is None or target.viewpoint_m is None
     (rows_s, described_s), (rows_t, described_t) = side_by_side(
-        lambda scan, both: describe_keypoints(scan, descriptor, both, max_keypoints),
+        lambda scan, both: describe_keypoints(scan, network, both, max_keypoints),
         (source, target),
         (False, unknown),
     )

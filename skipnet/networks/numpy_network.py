@@ -5,24 +5,23 @@ surface's axis, gives hidden units; the descriptor reads these alone, the classe
 paper's 125 cells about the voxel itself, on which they live. Whoever only looks for
 correspondences never cuts out the latter.
 
-It is small enough for NumPy; torch is needed to train it (``descriptor_training``), not to use it,
-and importing torch alone would take longer than describing two scans.
+It is small enough for NumPy; torch is needed to train it (``training.networks.cyclic``), not to use
+it, and importing torch alone would take longer than describing two scans.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from skipnet.features.cylinders import (
-    SECTOR_SIZE,
-    SECTORS,
-)
+from skipnet.features.cylinders import SECTOR_SIZE, SECTORS, cylinder_patches, turned_over
 from skipnet.features.patches import PATCH_SIZE
-from skipnet.types import FloatArray
+from skipnet.networks.model import digest_of
+from skipnet.skipmap.skipmap import SkipMap
+from skipnet.types import FloatArray, IntArray
 
 _CHUNK = 256
 """Voxels that the network reads at a time: what it computes stays in the processor's cache."""
@@ -46,50 +45,54 @@ MEAN_GAIN, PLANE_GAIN = np.sqrt(np.array([SECTORS, SECTORS / 2], dtype=np.float3
 
 
 @dataclass(frozen=True)
-class Descriptor:
-    """A trained network and its card."""
+class SmallNetwork:
+    """The small network at work: a ``Model``.
+
+    Raises:
+        ValueError: other weights than its own.
+    """
+
+    architecture: ClassVar[str] = "small"
+    max_keypoints: ClassVar[int] = 2000
+    """More find few further correspondences and cost as much again."""
 
     weights: dict[str, FloatArray]
-    """Per layer (inputs, units) weights and (units,) biases, float32."""
+    """Per layer (inputs, units) weights and (units,) biases, float32; those of the class head may
+    be missing."""
     card: dict[str, Any]
-    """How it came about: configuration, data hash, seed, scores."""
+    """See ``Model``."""
 
-    def __call__(self, patches: FloatArray) -> FloatArray:
-        """As ``read``, the descriptors alone."""
-        return self.read(patches)[0]
+    def __post_init__(self) -> None:
+        shared, head = (
+            {f"{layer}_{kind}" for layer in layers for kind in ("weight", "bias")}
+            for layers in (SHARED_LAYERS, CLASS_LAYERS)
+        )
+        if set(self.weights) not in (shared, shared | head):
+            expected = sorted(shared | head)
+            raise ValueError(f"weights {sorted(self.weights)}, expected {expected}")
+
+    @cached_property
+    def digest(self) -> str:
+        """See ``Model``."""
+        return digest_of(self.weights)
+
+    def cut(self, skipmap: SkipMap, rows: IntArray) -> FloatArray:
+        """(K, 5, 100) cylinders around (K,) voxels."""
+        return cylinder_patches(skipmap, rows)
+
+    def turned_over(self, patches: FloatArray) -> FloatArray:
+        """The (K, 5, 100) patches that the opposite normals would give."""
+        return turned_over(patches)
 
     def read(self, patches: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Descriptors of patches, and how likely each will be found again.
-
-        Args:
-            patches: (K, 5, 100) from ``cylinder_patches``.
-
-        Returns:
-            (K, D) float32 of length 1; the nearer two are, the likelier they show the same place.
-            (K,) float32 logits: above 0 where a patch of the same place, in another scan, is more
-            likely than not to be told from all others.
-
-        Raises:
-            ValueError: patches of another shape.
-        """
+        """(K, 32) descriptors and (K,) logits of (K, 5, 100) patches; see ``Model``."""
         hidden = self.hidden(patches)
         described = self._layer("output", hidden)
         described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
         return described, self._layer("matchable", hidden)[:, 0]
 
     def classify(self, details: FloatArray, patches: FloatArray) -> FloatArray:
-        """Probabilities of the five classes.
-
-        Args:
-            details: (K, 125) from ``build_patches``, of kind "surface_frame".
-            patches: (K, 5, 100) of the same voxels, from ``cylinder_patches``.
-
-        Returns:
-            (K, 5) float32, columns in the order of ``FeatureClass``; each row sums to 1.
-
-        Raises:
-            ValueError: patches of another shape.
-        """
+        """(K, 5) probabilities from (K, 125) details and (K, 5, 100) patches; see ``Model``."""
         if details.shape != (len(patches), PATCH_SIZE):
             expected = (len(patches), PATCH_SIZE)
             raise ValueError(f"details must be {expected}, got {details.shape}")

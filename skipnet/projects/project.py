@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy.typing as npt
 
+from skipnet.networks.catalog import find_network
 from skipnet.projects.graph import PairKey, Poses, closure_m, measure, solve
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import clean, register_scans
@@ -121,7 +122,7 @@ def _describe_all(
     clouds_m = [
         clean(checked(scan, f"scans[{number}]"), config) for number, scan in enumerate(scans)
     ]
-    return describe(clouds_m, viewpoints, voxel_size_m, seed)
+    return describe(clouds_m, viewpoints, voxel_size_m, seed, find_network(config.network))
 
 
 def _trust(pair: Registration) -> tuple[float, float]:

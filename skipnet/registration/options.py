@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from skipnet.checks import require
+from skipnet.networks.names import SHIPPED, weights_file
 
 
 class Generator(Enum):
@@ -35,6 +36,9 @@ class RegistrationConfig:
         ]
     )
     """Asked in this order; a later one only while the verdict is not clear yet."""
+    network: str = SHIPPED
+    """What recognises and classifies voxels: shipped, another name, or the path of a file of
+    weights that ``train.py`` wrote."""
     denoise: bool = False
     """Drop outliers first, as the paper does. Effective voxels do without."""
     denoise_neighbours: int = 4
@@ -56,6 +60,7 @@ class RegistrationConfig:
 
     def __post_init__(self) -> None:
         require(bool(self.generators), "generators", self.generators, "at least one generator")
+        weights_file(self.network, "network")
         known = all(isinstance(generator, Generator) for generator in self.generators)
         require(known, "generators", self.generators, "members of Generator")
         for name in ("denoise_sigma", "feature_weight", "violation_weight"):

@@ -9,7 +9,7 @@ from skipnet.clouds.cleaning import denoise
 from skipnet.features.fpfh import fpfh
 from skipnet.features.matching import mutual_nearest
 from skipnet.geometry import invert
-from skipnet.networks.catalog import load_descriptor
+from skipnet.networks.catalog import find_network
 from skipnet.networks.describing import correspond
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.registration.answer import Answer
@@ -74,7 +74,8 @@ def register(
         source_m, target_m = (clean(cloud_m, config) for cloud_m in clouds)
     with clock("skip-map"):
         viewpoints = source_viewpoint, target_viewpoint
-        scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed)
+        network = find_network(config.network)
+        scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed, network)
     return register_scans(scans[0], scans[1], config, clock)
 
 
@@ -106,6 +107,7 @@ def register_scans(
         target=_facts(target),
         findings=answer.findings,
         timings_s=clock.seconds,
+        network=source.network.digest,
     )
 
 
@@ -176,7 +178,7 @@ def propose(
     if generator is Generator.fpfh:
         found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
     else:  # Generator.descriptors
-        found = correspond(source.skipmap, target.skipmap, load_descriptor())
+        found = correspond(source.skipmap, target.skipmap, source.network)
     rows_s, rows_t, distance = found
     best = np.argsort(distance, kind="stable")[: config.max_correspondences]
     source_m = source.skipmap.centroids_m[rows_s[best]]

@@ -38,6 +38,8 @@ class Registration:
     """One sentence for a person: why this status."""
     voxel_size_m: float
     """Edge of a voxel."""
+    network: str
+    """Digest of the network that recognised and classified voxels."""
     source: ScanFacts
     target: ScanFacts
     findings: Findings | None = None
@@ -62,6 +64,7 @@ class Registration:
             "target_viewpoint_m": _listed(self.target.viewpoint_m),
             "source_strays": self.source.strays,
             "target_strays": self.target.strays,
+            "network": self.network,
             **{name: found.get(name) for name in Findings.JSON_NAMES},
         }
 

@@ -18,8 +18,9 @@ from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
 from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import invert, transform_points
-from skipnet.networks.catalog import load_descriptor
+from skipnet.networks.catalog import find_network
 from skipnet.networks.describing import classify_voxels
+from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.scans.evidence import Evidence, build_evidence
 from skipnet.scans.sparse import thin
@@ -102,6 +103,8 @@ class Scan:
     """For the judge."""
     fine: Future[SkipMap]
     """What ``fine_skipmap`` waits for."""
+    network: Model
+    """What recognises and classifies its voxels."""
 
     @property
     def viewpoint_m(self) -> FloatArray | None:
@@ -145,7 +148,7 @@ class Scan:
     def features(self) -> FeatureVoxels:
         """The classified feature voxels; the network runs when they are first asked for."""
         rows = feature_voxels(self.skipmap)
-        return FeatureVoxels(rows, classify_voxels(self.skipmap, rows, load_descriptor()))
+        return FeatureVoxels(rows, classify_voxels(self.skipmap, rows, self.network))
 
     @cached_property
     def corners(self) -> Corners:
@@ -180,6 +183,7 @@ def describe(
     viewpoints: Sequence[Viewpoint],
     voxel_size_m: float | None = None,
     seed: int = 0,
+    network: Model | None = None,
 ) -> list[Scan]:
     """Describe scans with one voxel size, side by side.
 
@@ -188,6 +192,7 @@ def describe(
         viewpoints: see ``Viewpoint``; of each scan, in the frame of its points.
         voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
         seed: of the order in which the judge samples voxels.
+        network: what recognises and classifies voxels; None takes the shipped one.
     """
     clouds_m, strays = zip(*side_by_side(_without_strays, clouds_m), strict=True)
     points_m = [points_of(cloud_m) for cloud_m in clouds_m]
@@ -195,7 +200,13 @@ def describe(
     if voxel_size_m is None:
         voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
     background = ThreadPoolExecutor(1)
-    one = partial(_describe_one, voxel_size_m=voxel_size_m, seed=seed, background=background)
+    one = partial(
+        _describe_one,
+        voxel_size_m=voxel_size_m,
+        seed=seed,
+        network=network or find_network(),
+        background=background,
+    )
     scans = side_by_side(one, clouds_m, strays, viewpoints, frames)
     background.shutdown(wait=False)  # goes on without being waited for
     return scans
@@ -214,6 +225,7 @@ def _describe_one(
     T_given_own: FloatArray,
     voxel_size_m: float,
     seed: int,
+    network: Model,
     background: Executor,
 ) -> Scan:
     """Build a scan's Skip-maps, the finest in the ``background``, and find out its viewpoint."""
@@ -237,4 +249,5 @@ def _describe_one(
         fine_tree=fine_tree,
         evidence=build_evidence(skipmap, points_of(cloud_m), rng, T_own_given),
         fine=background.submit(skipmap_of_tree, fine_tree, viewpoint_m),
+        network=network,
     )

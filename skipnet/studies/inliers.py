@@ -1,6 +1,6 @@
-"""How many right correspondences: ``python -m skipnet.studies.inliers FOLDER [WEIGHTS ...]``.
+"""How many right correspondences: ``python -m skipnet.studies.inliers FOLDER [NETWORK ...]``.
 
-The learned descriptor with the weights that ship, and with others, beside FPFH on the same
+The descriptor of the shipped network, and of others by name or file, beside FPFH on the same
 keypoints of every pair of a folder with a pairs.json, each source turned at random. Nothing is
 registered. Where a viewpoint is unknown FPFH's normals look to the given origin, which suits it
 better than the principal frame's, to which those of the pipeline's own FPFH look.
@@ -12,7 +12,6 @@ import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -27,8 +26,8 @@ from skipnet.metrics.correspondences import (
     match,
     summarise,
 )
-from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor
-from skipnet.networks.numpy_network import Descriptor
+from skipnet.networks.catalog import find_network
+from skipnet.networks.model import Model
 from skipnet.scans.scan import Scan, checked, describe
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import Pair
@@ -39,7 +38,7 @@ Matches = dict[str, dict[str, list[Match]]]
 """Of each descriptor and set."""
 
 
-def compare(pairs: Iterable[Pair], descriptors: dict[str, Descriptor]) -> Matches:
+def compare(pairs: Iterable[Pair], descriptors: dict[str, Model]) -> Matches:
     """Let each descriptor, and FPFH on the first one's keypoints, find correspondences."""
     matches: Matches = {name: {} for name in (*descriptors, FPFH)}
     first = next(iter(descriptors.values()))
@@ -105,14 +104,13 @@ def _line(title: str, pairs: int, values: list[float]) -> str:
 
 def main(folder: str, *weights: str) -> None:
     """Print the table."""
-    paths = {"skipnet": SHIPPED_WEIGHTS} | {path: Path(path) for path in weights}
-    descriptors = {name: load_descriptor(path) for name, path in paths.items()}
+    descriptors = {"skipnet": find_network()} | {name: find_network(name) for name in weights}
     print(table(compare(folder_pairs(folder), descriptors)))
 
 
 if __name__ == "__main__":
     if len(sys.argv) < 2:
-        sys.exit("usage: python -m skipnet.studies.inliers FOLDER [WEIGHTS.npz ...]")
+        sys.exit("usage: python -m skipnet.studies.inliers FOLDER [NETWORK ...]")
     try:
         main(*sys.argv[1:])
     except (ImportError, OSError, ValueError) as error:

@@ -24,7 +24,6 @@ from skipnet.benchmark.scoring.protocols import right_by_rule
 from skipnet.geometry import invert, transform_points
 from skipnet.metrics.correspondences import INLIER_VOXELS
 from skipnet.metrics.poses import measured_overlap, score_pose
-from skipnet.networks.catalog import load_descriptor
 from skipnet.networks.describing import correspond
 from skipnet.registration.alignment.refinement import refine
 from skipnet.registration.judging.judge import Judge
@@ -151,7 +150,7 @@ def judge_closely(T_target_source: FloatArray, source: Scan, target: Scan) -> Sc
 
 def count_inliers(source: Scan, target: Scan, T_target_source: FloatArray) -> tuple[int, int]:
     """Right ones among the descriptor's correspondences under a (4, 4) pose, and all of them."""
-    rows_s, rows_t, _ = correspond(source.skipmap, target.skipmap, load_descriptor())
+    rows_s, rows_t, _ = correspond(source.skipmap, target.skipmap, source.network)
     moved_m = transform_points(T_target_source, source.skipmap.centroids_m[rows_s])
     apart_m = np.linalg.norm(moved_m - target.skipmap.centroids_m[rows_t], axis=1)
     return int((apart_m < INLIER_VOXELS * source.skipmap.voxel_size_m).sum()), len(rows_s)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.geometry import transform_points
-from skipnet.networks.catalog import load_descriptor
+from skipnet.networks.names import SHIPPED, weights_file
 from skipnet.registration.pipeline import register
 from skipnet.scans.scan import Scan, describe
 from skipnet.simulation.scanning.pairs import SimulatedPair, simulate_pair
+from skipnet.simulation.seeds import DEMO
 from skipnet.storage import write_bytes
 from skipnet.viz import pictures
 
@@ -29,12 +30,12 @@ def draw_documentation(folder: Path, seed: int = 0) -> list[Path]:
 
     Args:
         folder: made when missing; files of the same names are replaced.
-        seed: of the simulated room.
+        seed: number of the simulated room; 0 is that of `make demo`.
 
     Returns:
         The files, in the order of the pipeline.
     """
-    simulated = simulate_pair("paper_room", seed)
+    simulated = simulate_pair("paper_room", DEMO.scene(seed))
     scan = describe([simulated.target.points_m], ["auto"])[0]
     drawings: dict[str, Callable[[], Figure]] = {
         "scene": lambda: draw_scene(simulated),
@@ -87,11 +88,9 @@ def draw_network() -> Figure:
     """The shipped network: what each layer reads and how many units it has, from its weights."""
     from matplotlib.figure import Figure
 
-    sizes = {
-        name.removesuffix("_weight"): array.shape
-        for name, array in load_descriptor().weights.items()
-        if name.endswith("_weight")
-    }
+    with np.load(weights_file(SHIPPED)) as stored:
+        names = [name for name in stored.files if name.endswith("_weight")]
+        sizes = {name.removesuffix("_weight"): stored[name].shape for name in names}
     boxes = {
         "sector": (2.2, 1.6, "sectors of two cylinders\n10 and 20 voxels around"),
         "mixing": (4.4, 1.6, "mixed over the sectors"),

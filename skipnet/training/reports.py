@@ -17,7 +17,8 @@ from skipnet.features.patches import build_patches
 from skipnet.metrics import correspondences as judging
 from skipnet.metrics.classes import confusion_matrix, macro_f1
 from skipnet.metrics.correspondences import TwoScans
-from skipnet.networks.numpy_network import Descriptor
+from skipnet.networks.model import Model
+from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.simulation.seeds import CLASS_TEST
 from skipnet.storage import replacing, write_text
 from skipnet.training.data.labelled import Recipe, Samples, label_scene
@@ -169,7 +170,7 @@ class Progress:
 
     def score(self, step: int, network: DescriptorNetwork) -> float:
         """Mean inlier ratio on the unseen scans; also logged, with the share of matched pairs."""
-        descriptor = Descriptor(network.arrays(), {})
+        descriptor = SmallNetwork(network.arrays(), {})
         ratios = np.array([keypoints.inlier_ratio(descriptor) for keypoints in self.unseen])
         matched = (ratios >= judging.ENOUGH_INLIERS).mean()
         values = {
@@ -181,7 +182,7 @@ class Progress:
 
 
 def judge_on_unseen(
-    descriptor: Descriptor, test: Sequence[TwoScans]
+    descriptor: Model, test: Sequence[TwoScans]
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Scores of this descriptor and of FPFH on the same keypoints, in all and by overlap."""
     matches: dict[str, list[judging.Match]] = {"learned": [], "fpfh": []}
@@ -199,20 +200,20 @@ def judge_on_unseen(
     }
 
 
-def predict(descriptor: Descriptor, samples: Samples) -> IntArray:
+def predict(descriptor: Model, samples: Samples) -> IntArray:
     """(N,) the most probable class."""
     return descriptor.classify(samples.patches, samples.surroundings).argmax(axis=1)
 
 
 def log_embeddings(
-    writer: SummaryWriter, descriptor: Descriptor, training: Sequence[PatchPairs]
+    writer: SummaryWriter, descriptor: Model, training: Sequence[PatchPairs]
 ) -> None:
     """Descriptors for TensorBoard's projector: the two of one place shall lie side by side."""
     rows, labels = [], []
     for scene, pairs in enumerate(training):
         for scan, patches in (("source", pairs.source), ("target", pairs.target)):
             some = patches[:_SHOWN_PLACES].astype(np.float32)
-            rows.append(descriptor(some))
+            rows.append(descriptor.read(some)[0])
             labels += [[f"{scene}", f"{place}", scan] for place in range(len(some))]
     dashboard.log_embedding(
         writer, "descriptors", np.concatenate(rows), labels, ["scene", "place", "scan"]

@@ -14,7 +14,7 @@ import scipy.linalg  # noqa: F401  # has a BLAS of its own, which only counts on
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from skipnet.networks import describing
-from skipnet.networks.catalog import load_descriptor
+from skipnet.networks.catalog import find_network
 from skipnet.parallel import threads
 from skipnet.parallel.pools import THREAD_VARIABLES, environment, mapping, worker_pool
 from skipnet.parallel.threads import one_blas_thread
@@ -121,7 +121,7 @@ def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) 
         assert seen == dict.fromkeys(("build_tree", "shortlist", "choose_keypoints"), {1})
         seen.clear()
         source, target = scans.describe((pair.source_m, pair.target_m), ("auto", "auto"))
-        network = load_descriptor()
+        network = find_network()
         describing.correspond(source.skipmap, target.skipmap, network)
         assert seen == dict.fromkeys(("build_tree", "choose_keypoints"), {1})
         seen.clear()

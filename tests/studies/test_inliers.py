@@ -15,7 +15,8 @@ from skipnet.benchmark.running.contestants import make_pair_set
 from skipnet.clouds.formats.ply import write_ply
 from skipnet.geometry import invert
 from skipnet.metrics.correspondences import by_fpfh
-from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor
+from skipnet.networks.catalog import find_network
+from skipnet.networks.names import SHIPPED_WEIGHTS
 from skipnet.scans.scan import describe
 from skipnet.studies.inliers import FPFH, compare, main, table
 from skipnet.studies.misses import count_inliers
@@ -30,7 +31,7 @@ def pairs():
 
 
 def test_ratios_are_those_counted_by_hand(pairs):
-    matches = compare(pairs, {"ours": load_descriptor(), "again": load_descriptor()})
+    matches = compare(pairs, {"ours": find_network(), "again": find_network()})
     ours = [one for ones in matches["ours"].values() for one in ones]
     for pair, found in zip(pairs, ours, strict=True):
         source, target = describe((pair.source_m, pair.target_m), ("auto", "auto"))
@@ -66,7 +67,7 @@ def test_the_command_prints_the_table_of_a_folder(pairs, tmp_path, capsys):
 def test_a_scan_without_surfaces_is_named(pairs):
     stray = replace(pairs[0], source_m=np.random.default_rng(0).normal(size=(5, 3)))
     with pytest.raises(ValueError, match="oblique.*: "):
-        compare([stray], {"ours": load_descriptor()})
+        compare([stray], {"ours": find_network()})
 
 
 def test_without_a_viewpoint_fpfh_has_sides_all_the_same(pairs, monkeypatch):
@@ -78,7 +79,7 @@ def test_without_a_viewpoint_fpfh_has_sides_all_the_same(pairs, monkeypatch):
     monkeypatch.setattr(
         "skipnet.studies.inliers.describe", lambda clouds, _: describe(clouds, (None, None))
     )
-    compare(pairs[:1], {"ours": load_descriptor()})
+    compare(pairs[:1], {"ours": find_network()})
     assert seen and all(scan.viewpoint_m is not None for scan in (seen[0].source, seen[0].target))
 
 

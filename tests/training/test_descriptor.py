@@ -31,9 +31,12 @@ from skipnet.metrics.correspondences import (
     summarise,
     true_correspondences,
 )
-from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor, save_descriptor
+from skipnet.networks.catalog import find_network, load_network, save_network
 from skipnet.networks.describing import classify_voxels, correspond, describe_keypoints
-from skipnet.networks.numpy_network import Descriptor
+from skipnet.networks.names import SHIPPED_WEIGHTS
+from skipnet.networks.numpy_network import SmallNetwork
+from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.degrading import Recipe
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.training.data import labelled as dataset
@@ -130,14 +133,14 @@ def test_numpy_gives_what_torch_gives(patches: FloatArray) -> None:
         hidden = network(torch.from_numpy(patches))
         classes = head(torch.cat([torch.from_numpy(details), hidden], dim=1)).softmax(dim=1)
         expected = (*network.describe(hidden), classes)
-    descriptor = Descriptor(network.arrays() | head_arrays(head), {})
+    descriptor = SmallNetwork(network.arrays() | head_arrays(head), {})
     found = (*descriptor.read(patches), descriptor.classify(details, patches))
     for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted.numpy(), atol=2e-5)
 
 
 def test_the_class_head_reads_cells_and_hidden_units(labelled: Samples, tmp_path: Path) -> None:
-    shared = load_descriptor()
+    shared = shipped()
     inputs = with_hidden(labelled, shared)
     np.testing.assert_array_equal(inputs.patches[:, :125], labelled.patches)
     np.testing.assert_array_equal(inputs.patches[:, 125:], shared.hidden(labelled.surroundings))
@@ -150,8 +153,9 @@ def test_the_class_head_reads_cells_and_hidden_units(labelled: Samples, tmp_path
 
     head = fit_class_head(config, inputs, inputs, note, tmp_path / "checkpoint.pt")
     assert losses[-1] < 0.5 * losses[0]
-    learned = Descriptor(shared.weights | head, {})
-    np.testing.assert_array_equal(learned(labelled.surroundings), shared(labelled.surroundings))
+    learned = SmallNetwork(shared.weights | head, {})
+    around = labelled.surroundings
+    np.testing.assert_array_equal(learned.read(around)[0], shared.read(around)[0])
     right = predict(learned, labelled) == labelled.labels
     assert right.mean() > 0.9  # of what it learned by heart
 
@@ -168,22 +172,22 @@ def test_waves_give_what_all_cyclic_orders_give(patches: FloatArray) -> None:
 def test_classes_are_those_of_the_scene() -> None:
     how = dataset.Recipe(most_per_class=40, with_surroundings=True)
     unseen = dataset.make_samples(["paper_room", "closed"], range(3000, 3002), how)
-    counts = confusion_matrix(unseen.labels, predict(load_descriptor(), unseen))
+    counts = confusion_matrix(unseen.labels, predict(find_network(), unseen))
     assert macro_f1(counts) > 0.75
     scan = dataset.label_scene("closed", 3001, how, np.random.default_rng(0))[0]
-    odds = classify_voxels(scan.skipmap, scan.voxels, load_descriptor())
+    odds = classify_voxels(scan.skipmap, scan.voxels, find_network())
     np.testing.assert_allclose(odds.sum(axis=1), 1, atol=1e-5)
     assert (odds.argmax(axis=1) == scan.labels).mean() > 0.8
 
 
 def test_a_turn_about_the_normal_changes_nothing(patches: FloatArray) -> None:
-    descriptor = load_descriptor()
-    described = descriptor(patches)
+    descriptor = find_network()
+    described = descriptor.read(patches)[0]
     np.testing.assert_allclose(np.linalg.norm(described, axis=1), 1, atol=1e-5)
     for turn in range(1, SECTORS):
-        turned = descriptor(np.roll(patches, turn, axis=1))
+        turned = descriptor.read(np.roll(patches, turn, axis=1))[0]
         np.testing.assert_allclose(turned, described, atol=1e-5)
-    mirrored = descriptor(patches[:, ::-1])
+    mirrored = descriptor.read(patches[:, ::-1])[0]
     assert np.abs(mirrored - described).max() > 0.1  # but a mirror image is another shape
 
 
@@ -204,22 +208,64 @@ def test_mutual_nearest_is_what_all_distances_say(sizes: tuple[int, int]) -> Non
 
 def test_wrong_shape_is_refused(patches: FloatArray) -> None:
     with pytest.raises(ValueError, match=r"\(K, 5, 100\), got \(3, 125\)"):
-        load_descriptor()(np.zeros((3, 125), dtype=np.float32))
+        find_network().read(np.zeros((3, 125), dtype=np.float32))
     with pytest.raises(ValueError, match=r"\(40, 125\), got \(40, 124\)"):
-        load_descriptor().classify(np.zeros((40, 124), dtype=np.float32), patches)
+        find_network().classify(np.zeros((40, 124), dtype=np.float32), patches)
+
+
+def shipped() -> SmallNetwork:
+    network = find_network()
+    assert isinstance(network, SmallNetwork)
+    return network
 
 
 def test_files(tmp_path: Path, patches: FloatArray) -> None:
     path = tmp_path / "new" / "descriptor.npz"
     with pytest.raises(FileNotFoundError, match="train.py writes one"):
-        load_descriptor(path)
-    shipped = load_descriptor()
-    save_descriptor(shipped, path)
-    np.testing.assert_array_equal(load_descriptor(path)(patches), shipped(patches))
-    wrong = {**shipped.weights, "extra_weight": np.zeros(1)}
-    save_descriptor(Descriptor(wrong, {}), tmp_path / "wrong.npz")
-    with pytest.raises(ValueError, match="extra_weight"):
-        load_descriptor(tmp_path / "wrong.npz")
+        load_network(path)
+    ours = shipped()
+    save_network(ours.weights, ours.card, path)
+    for again in (load_network(path), find_network(str(path))):
+        np.testing.assert_array_equal(again.read(patches)[0], ours.read(patches)[0])
+        assert (again.digest, again.card) == (ours.digest, ours.card)
+    wrong = {**ours.weights, "extra_weight": np.zeros(1)}
+    save_network(wrong, ours.card, tmp_path / "wrong.npz")
+    with pytest.raises(ValueError, match="wrong.npz: weights .*extra_weight"):
+        load_network(tmp_path / "wrong.npz")
+    save_network(ours.weights, {**ours.card, "architecture": "wide"}, path)
+    with pytest.raises(ValueError, match="architecture is wide, not small"):
+        load_network(path)
+
+
+def test_weights_that_are_not_those_of_their_card_are_refused(tmp_path: Path) -> None:
+    path, ours = tmp_path / "network.npz", shipped()
+    save_network(ours.weights, ours.card, path)
+    first = find_network(str(path))
+    assert find_network(str(path)) is first  # read once
+    flipped = {**ours.weights, "output_bias": -ours.weights["output_bias"]}
+    other = tmp_path / "other.npz"
+    save_network(flipped, ours.card, other)
+    other.replace(path)
+    with pytest.raises(ValueError, match=f"the card says {ours.digest}"):
+        find_network(str(path))
+
+
+def test_a_registration_uses_the_network_it_is_given(tmp_path: Path) -> None:
+    path, ours = tmp_path / "network.npz", shipped()
+    turned = {**ours.weights, "output_weight": ours.weights["output_weight"][:, ::-1]}
+    save_network(turned, ours.card, path)  # the same descriptors in another order
+    pair = simulate_pair("oblique", 1, points=20_000).pair
+    only = [Generator.descriptors]
+    results = [
+        register(pair.source_m, pair.target_m, config=RegistrationConfig(only, network=name))
+        for name in ("shipped", "small", str(path))
+    ]
+    digests = [result.details["network"] for result in results]
+    assert digests[0] == digests[1] == ours.digest != digests[2] == find_network(str(path)).digest
+    np.testing.assert_array_equal(results[0].T_target_source, results[1].T_target_source)
+    np.testing.assert_allclose(results[2].T_target_source, results[0].T_target_source, atol=1e-3)
+    with pytest.raises(ValueError, match="network=smal: .*did you mean 'small'"):
+        RegistrationConfig(network="smal")
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -230,9 +276,9 @@ def test_correspondences_beat_fpfh_on_an_unseen_scene(two_scans: TwoScans, known
         source=two_scans.source.seen_from(viewpoint_m),
         target=two_scans.target.seen_from(viewpoint_m),
     )
-    rows_s, rows_t, distance = correspond(scans.source, scans.target, load_descriptor())
+    rows_s, rows_t, distance = correspond(scans.source, scans.target, find_network())
     assert len(np.unique(rows_s)) == len(rows_s) == len(distance)
-    found = by_fpfh(scans, keypoints_of(scans, load_descriptor()))
+    found = by_fpfh(scans, keypoints_of(scans, find_network()))
     assert inlier_ratio(scans, rows_s, rows_t) > 1.5 * inlier_ratio(scans, *found)
 
 
@@ -241,7 +287,7 @@ def test_signs_of_normals_do_not_matter_without_a_viewpoint(two_scans: TwoScans)
     normals = source.normals.copy()
     normals[::2] *= -1
     turned = replace(source, normals=normals)
-    before, after = (correspond(s, target, load_descriptor(), 500) for s in (source, turned))
+    before, after = (correspond(s, target, find_network(), 500) for s in (source, turned))
     pairs = [
         set(zip(*(rows.tolist() for rows in found[:2]), strict=True)) for found in (before, after)
     ]
@@ -309,9 +355,9 @@ def watching(training: list[PatchPairs], losses: list[float]) -> Watch:
     """Scores by the share of source patches whose nearest target patch is their partner."""
 
     def score(step: int, network: DescriptorNetwork) -> float:
-        descriptor = Descriptor(network.arrays(), {})
+        descriptor = SmallNetwork(network.arrays(), {})
         pairs = training[0]
-        found = descriptor(pairs.source) @ descriptor(pairs.target).T
+        found = descriptor.read(pairs.source)[0] @ descriptor.read(pairs.target)[0].T
         return float((found.argmax(axis=1) == np.arange(len(pairs))).mean())
 
     return Watch(score, lambda step, loss: losses.append(loss))
@@ -422,7 +468,7 @@ def test_scores_by_hand() -> None:
 
 
 def test_the_most_matchable_keypoints_are_kept(two_scans: TwoScans) -> None:
-    descriptor, scan = load_descriptor(), two_scans.source
+    descriptor, scan = find_network(), two_scans.source
     rows = choose_keypoints(scan, 500)
     described, matchable = descriptor.read(cylinder_patches(scan, rows))
     kept, kept_described = describe_keypoints(scan, descriptor, max_keypoints=500)
@@ -436,17 +482,17 @@ def test_the_most_matchable_keypoints_are_kept(two_scans: TwoScans) -> None:
 
 
 def test_matchable_keypoints_are_found_more_often(two_scans: TwoScans) -> None:
-    descriptor = load_descriptor()
+    descriptor = find_network()
     rows_s, rows_t, _ = correspond(two_scans.source, two_scans.target, descriptor)
-    of_all = Keypoints.of(two_scans).inlier_ratio(descriptor)
+    of_all = Keypoints.of(two_scans, descriptor).inlier_ratio(descriptor)
     assert inlier_ratio(two_scans, rows_s, rows_t) > of_all > 0
 
 
 def test_other_weights_enter_a_benchmark_beside_the_shipped_ones(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="weights="):
         EvaluateConfig(weights=str(tmp_path / "absent.npz"))
-    shipped, path = load_descriptor(), tmp_path / "other.npz"
-    save_descriptor(replace(shipped, card={}), path)
+    path = tmp_path / "other.npz"
+    save_network(shipped().weights, {"architecture": "small"}, path)
     config = EvaluateConfig(weights=str(path))
     assert config.methods[-2:] == ["learned_sc2", "other_weights"]
     pair = simulate_pair("clutter", 1, points=40_000).pair
@@ -499,9 +545,9 @@ def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     assert "| fpfh | all | 2 |" in run.stdout and "| classes alone | all |" in run.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())
-    card = load_descriptor(tmp_path / "descriptor.npz").card
-    assert set(card) == set(load_descriptor().card)
-    assert set(card["config"]) == set(load_descriptor().card["config"])
+    card = load_network(tmp_path / "descriptor.npz").card
+    assert set(card) == set(find_network().card)
+    assert set(card["config"]) == set(find_network().card["config"])
     assert card["scores"]["learned"] == summary["unseen"]["learned"]["all"]
     assert card["scores"]["learned"]["pairs"] == 2
     both, alone = (summary["classes"][name]["all"] for name in ("both heads", "classes alone"))
@@ -515,7 +561,7 @@ def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
 
 
 def test_the_shipped_card_says_where_the_weights_come_from() -> None:
-    card = load_descriptor().card
+    card = find_network().card
     assert card["training_data"]["origin"].startswith("simulation only")
     assert card["config"]["descriptor"]["families"] and card["config"]["data"]["families"]
     assert "output_dir" not in card["config"]

@@ -7,7 +7,6 @@ correspondences, so that descriptors can be compared by their inliers.
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,10 @@ from skipnet.checks import require_package
 from skipnet.features.fpfh import fpfh
 from skipnet.features.matching import mutual_nearest
 from skipnet.geometry import transform_points
-from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor
+from skipnet.networks.catalog import find_network
 from skipnet.networks.describing import correspond
-from skipnet.networks.numpy_network import Descriptor
+from skipnet.networks.model import Model
+from skipnet.networks.names import SHIPPED
 from skipnet.registration.hypotheses.correspondences import from_correspondences
 from skipnet.registration.hypotheses.fitting import fit_transforms
 from skipnet.skipmap.resolution import choose_voxel_size
@@ -30,14 +30,15 @@ from skipnet.skipmap.tree import build_tree
 from skipnet.types import FloatArray
 
 DESCRIPTORS = ("fpfh", "learned")
-INLIER_VOXELS = 1.5
+AGREEMENT_VOXELS = 1.5
+"""Correspondences agree on a pose that brings their voxels nearer than this."""
 
 
 def make(
     descriptor: str = "fpfh",
     voxel_size_m: float | None = None,
     max_correspondences: int = 1500,
-    weights: str | None = None,
+    weights: str = SHIPPED,
 ) -> Method:
     """Mutual nearest neighbours, second-order compatibility, the pose with the most inliers, ICP.
 
@@ -46,12 +47,12 @@ def make(
         voxel_size_m: size of the voxels that are described; None takes the size that skipnet
             chooses from the data.
         max_correspondences: the best of them enter the compatibility graph.
-        weights: file of the learned one's weights; None takes those that ship.
+        weights: network of the learned one: a name or a file, as in ``registration.network``.
     """
     o3d = require_package("open3d", "open3d")
     if descriptor not in DESCRIPTORS:
         raise ValueError(f"descriptor={descriptor}: expected one of {', '.join(DESCRIPTORS)}")
-    learned = load_descriptor(Path(weights) if weights else SHIPPED_WEIGHTS)
+    learned = find_network(weights)
 
     def run(task: Task) -> Estimate:
         """Answer one task."""
@@ -63,7 +64,7 @@ def make(
         source_m, target_m = _match(
             None if descriptor == "fpfh" else learned, source, target, max_correspondences
         )
-        T_coarse, inliers = most_consistent_pose(source_m, target_m, INLIER_VOXELS * size_m)
+        T_coarse, inliers = most_consistent_pose(source_m, target_m, AGREEMENT_VOXELS * size_m)
         matched = time.perf_counter()
         clouds = to_cloud(source.centroids_m), _with_normals(o3d, target)
         T_fine = refine_to_planes(o3d, *clouds, T_coarse, size_m)
@@ -109,7 +110,7 @@ def _skipmap(points_m: FloatArray, size_m: float, viewpoint_m: FloatArray | None
 
 
 def _match(
-    learned: Descriptor | None, source: SkipMap, target: SkipMap, most: int
+    learned: Model | None, source: SkipMap, target: SkipMap, most: int
 ) -> tuple[FloatArray, FloatArray]:
     """(K, 3) voxels of both scans that may be the same, the most alike first; None takes FPFH."""
     if learned is None:

@@ -17,7 +17,7 @@ from skipnet.benchmark.methods import Method, make_method
 from skipnet.benchmark.options import DatasetKind, EvaluateConfig, ProtocolKind
 from skipnet.benchmark.running.isolation import isolated
 from skipnet.benchmark.scoring.protocols import PROTOCOLS
-from skipnet.networks.catalog import SHIPPED_WEIGHTS
+from skipnet.networks.names import SHIPPED, weights_file
 
 LEARNED_ADAPTERS = ("skipnet", "matching")
 """Those whose answers depend on weights."""
@@ -126,7 +126,7 @@ def _weights_digest(adapter: str, options: Mapping[str, Any]) -> str:
     """Hash of the weights' file that a method uses; empty for one that uses none."""
     if adapter not in LEARNED_ADAPTERS:
         return ""
-    content = Path(options.get("weights") or SHIPPED_WEIGHTS).read_bytes()
+    content = weights_file(options.get("weights") or options.get("network") or SHIPPED).read_bytes()
     return hashlib.sha256(content).hexdigest()[:12]
 
 

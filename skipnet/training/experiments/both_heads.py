@@ -18,9 +18,11 @@ import torch
 from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
 from skipnet.metrics import correspondences as judging
 from skipnet.metrics.correspondences import TwoScans
-from skipnet.networks.catalog import SHIPPED_WEIGHTS, load_descriptor, rounded, save_descriptor
-from skipnet.networks.describing import KEPT_SHARE, MAX_KEYPOINTS
-from skipnet.networks.numpy_network import Descriptor
+from skipnet.networks.catalog import load_network, rounded, save_network
+from skipnet.networks.describing import KEPT_SHARE
+from skipnet.networks.model import Model
+from skipnet.networks.names import SHIPPED_WEIGHTS
+from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.parallel.pools import Each, mapping, worker_pool
 from skipnet.simulation.scanning.degrading import Recipe
 from skipnet.simulation.scenes.scenes import check_families
@@ -96,8 +98,8 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         trained_s = time.perf_counter()
         card = make_card(config, sets.lessons, outcome)
         path = folder / "descriptor.npz"
-        save_descriptor(Descriptor(weights, card), path)
-        descriptor = load_descriptor(path)  # judged as it will be used: rounded
+        save_network(weights, card, path)
+        descriptor = load_network(path)  # judged as it will be used: rounded
         classes = {"both heads": judge_classes(config, descriptor, unseen.classes)}
         if config.compare_alone:
             classes["classes alone"] = classes_alone(config, sets, unseen.classes)
@@ -107,7 +109,7 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         "classes": {name: groups["all"] for name, groups in classes.items()},
     }
     for target in [path, SHIPPED_WEIGHTS] if config.ship else [path]:
-        save_descriptor(Descriptor(descriptor.weights, card), target)
+        save_network(weights, card, target)
     summary = {
         "experiment": config.experiment_name,
         "seed": config.seed,
@@ -139,7 +141,7 @@ def learn(
         to_come = aside.submit(make_unseen, config)
         outcome = fit(config, sets, writer, device)
         unseen = to_come.result()
-        shared = Descriptor(rounded(outcome.network.arrays()), {})
+        shared = SmallNetwork(rounded(outcome.network.arrays()), {})
         judged = aside.submit(reporting.judge_on_unseen, shared, unseen.scans)
         head = fit_classes(config, sets, shared, writer)
         return outcome, shared.weights | head, unseen, judged.result()
@@ -201,7 +203,8 @@ def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.de
     shared = options.sector_units, options.hidden_units, options.output_units
     widths = Widths(*shared, *config.hidden_sizes)
     network = DescriptorNetwork(widths, config.dropout)
-    unseen = [judging.Keypoints.of(scans) for scans in sets.validation]
+    start = SmallNetwork(network.arrays(), {})
+    unseen = [judging.Keypoints.of(scans, start) for scans in sets.validation]
     return train_network(
         sets.lessons,
         network,
@@ -215,7 +218,7 @@ def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.de
 
 
 def fit_classes(
-    config: TrainConfig, sets: Sets, shared: Descriptor, writer: SummaryWriter
+    config: TrainConfig, sets: Sets, shared: SmallNetwork, writer: SummaryWriter
 ) -> dict[str, FloatArray]:
     """Train the class head upon the shared layers."""
     training, validation = (
@@ -242,7 +245,7 @@ def schedule(options: DescriptorTrainConfig) -> Schedule:
 
 
 def judge_classes(
-    config: TrainConfig, descriptor: Descriptor, test: Samples
+    config: TrainConfig, descriptor: Model, test: Samples
 ) -> dict[str, dict[str, Any]]:
     """Scores of the class head, in all, by range and by family."""
     return score(test, reporting.predict(descriptor, test), config.data.families)
@@ -259,8 +262,9 @@ def classes_alone(config: TrainConfig, sets: Sets, test: Samples) -> dict[str, d
 def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[str, Any]:
     """What the weights are, without their scores."""
     return {
+        "architecture": SmallNetwork.architecture,
         "patch": {"levels": list(LEVELS), "reach_voxels": REACH_VOXELS, "kinds": KINDS},
-        "keypoints": {"described": MAX_KEYPOINTS, "kept_share": KEPT_SHARE},
+        "keypoints": {"described": SmallNetwork.max_keypoints, "kept_share": KEPT_SHARE},
         "seed": config.seed,
         "training_data": {
             "origin": "simulation only: no real scan took part",

@@ -51,7 +51,7 @@ class Strongest(torch.autograd.Function):
 
 
 class DescriptorNetwork(nn.Module):
-    """The network of ``skipnet.learning.descriptor.Descriptor`` in torch, while all of it learns.
+    """The network of ``networks.numpy_network.SmallNetwork`` in torch, while all of it learns.
 
     What reads the classes here lets them shape the hidden units; the class head that is kept learns
     from these when they have settled (``class_head``).
@@ -123,7 +123,7 @@ class DescriptorNetwork(nn.Module):
         return self.classes(self.dropout(torch.relu(self.joint(both))))
 
     def arrays(self) -> dict[str, FloatArray]:
-        """The shared layers as ``Descriptor`` takes them."""
+        """The shared layers as ``SmallNetwork`` takes them."""
         arrays: dict[str, FloatArray] = {}
         for name in SHARED_LAYERS:
             arrays |= layer_arrays(name, getattr(self, name))
@@ -136,7 +136,7 @@ def layer_arrays(
     offset: torch.Tensor | None = None,
     gain: torch.Tensor | None = None,
 ) -> dict[str, FloatArray]:
-    """Weight and bias of a layer as ``Descriptor`` takes them.
+    """Weight and bias of a layer as ``SmallNetwork`` takes them.
 
     Args:
         name: of the layer.

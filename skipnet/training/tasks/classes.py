@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from skipnet.networks.numpy_network import CLASS_LAYERS, Descriptor
+from skipnet.networks.numpy_network import CLASS_LAYERS, SmallNetwork
 from skipnet.training.data.labelled import Samples
 from skipnet.training.devices import find_device, fixed_threads
 from skipnet.training.networks.cyclic import layer_arrays
@@ -26,7 +26,7 @@ from skipnet.training.trainer import EpochRecord, StoppingRules, TrainingOutcome
 from skipnet.types import FloatArray
 
 
-def with_hidden(samples: Samples, shared: Descriptor) -> Samples:
+def with_hidden(samples: Samples, shared: SmallNetwork) -> Samples:
     """The samples with what the shared layers make of their surroundings beside the 125 cells."""
     hidden = shared.hidden(samples.surroundings)
     return replace(samples, patches=np.concatenate([samples.patches, hidden], axis=1))
@@ -53,7 +53,7 @@ def fit_class_head(
 
 
 def head_arrays(head: PatchNetwork) -> dict[str, FloatArray]:
-    """The layers as ``Descriptor`` takes them."""
+    """The layers as ``SmallNetwork`` takes them."""
     detail, *others = (layer for layer in head.layers if isinstance(layer, nn.Linear))
     arrays = layer_arrays(CLASS_LAYERS[0], detail, head.input_offset, head.input_gain)
     for name, layer in zip(CLASS_LAYERS[1:], others, strict=True):
