@@ -5,6 +5,8 @@ from __future__ import annotations
 EXIT_OK = 0
 EXIT_BAD_INPUT = 2
 EXIT_NOT_REGISTERED = 3
+EXIT_INTERRUPTED = 130
+"""What shells make of the signal."""
 
 # Set to 1, this environment variable of Hydra's brings the traceback of every error.
 FULL_ERROR = "HYDRA_FULL_ERROR"
@@ -24,6 +26,15 @@ def is_user_error(error: BaseException) -> bool:
     if isinstance(error, ImportError) and (error.name or "").split(".")[0] == "skipnet":
         return False
     return isinstance(error, (*USER_ERRORS, HydraException, OmegaConfBaseException))
+
+
+def was_interrupted(error: BaseException | None) -> bool:
+    """Whether an interrupt from the keyboard stands behind this, as where it met an import."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def one_line(error: BaseException) -> str:

@@ -13,9 +13,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from string import Template
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
-from skipnet.commands.errors import EXIT_BAD_INPUT, EXIT_OK, FULL_ERROR, is_user_error, one_line
+from skipnet.commands.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    FULL_ERROR,
+    is_user_error,
+    one_line,
+    was_interrupted,
+)
 from skipnet.commands.overrides import check_overrides
 
 CONFIG_DIR = Path(__file__).parents[1] / "configs"
@@ -45,7 +53,8 @@ def run(
         config_dir: folder of the YAML files; its folders are config groups.
 
     Returns:
-        The exit code: 2 for bad input, after one line on stderr; otherwise ``exit_code(result)``,
+        The exit code: 2 for bad input, after one line on stderr (an interrupt ends the process at
+        once, with one line and exit code 130); otherwise ``exit_code(result)``,
         and the highest of them after a sweep (``--multirun``), whose runs get a folder each,
         numbered from 0, as their ``output_dir``.
     """
@@ -56,11 +65,25 @@ def run(
             print(_help(name, schema, config_dir, flags.overrides))
             return EXIT_OK
         return _run_hydra(name, schema, task, config_dir, exit_code, arguments)
-    except Exception as error:
+    except (Exception, KeyboardInterrupt) as error:
+        if was_interrupted(error):
+            print(f"{name}: interrupted; what was written before is whole", file=sys.stderr)
+            _end_now()
         if not is_user_error(error) or os.environ.get(FULL_ERROR) == "1":
             raise
         print(f"{name}: {one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT
+
+
+def _end_now() -> NoReturn:
+    """End the process without waiting for its threads.
+
+    Where numba was interrupted while it compiled, one of them may wait for ever for the lock of its
+    compiler. Children end with their parent (``parallel.pools.end_with_parent``).
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(EXIT_INTERRUPTED)
 
 
 def _help(name: str, schema: type, config_dir: Path, overrides: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -13,6 +14,8 @@ from typing import Any
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """Of mallopt(3): how much freed memory is kept, and from which size on none is."""
+PR_SET_PDEATHSIG = 1
+"""Of Linux's prctl(2): the signal that a process gets when its parent ends."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Each = Callable[..., Iterator[Any]]
@@ -28,6 +31,17 @@ def keep_freed_memory() -> None:
     if sys.platform == "linux" and (tell := getattr(ctypes.CDLL(None), "mallopt", None)):
         for option, most_bytes in ((M_MMAP_THRESHOLD, 32 << 20), (M_TRIM_THRESHOLD, 1 << 30)):
             tell(option, most_bytes)
+
+
+def end_with_parent() -> None:
+    """Let this child end when its parent does, and leave interrupts from the keyboard to it.
+
+    A killed parent cannot stop its children: they would run on for minutes, or wait for ever. (Only
+    Linux tells a child of its parent's end.)
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 @contextmanager
@@ -55,7 +69,10 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     # Fresh processes: a forked one would inherit the locks of Open3D's and torch's threads.
     fresh = get_context("spawn")
     one_thread = dict.fromkeys(THREAD_VARIABLES, "1")
-    with environment(one_thread), ProcessPoolExecutor(workers, mp_context=fresh) as pool:
+    with (
+        environment(one_thread),
+        ProcessPoolExecutor(workers, mp_context=fresh, initializer=end_with_parent) as pool,
+    ):
         yield pool
 
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
-import signal
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,10 +12,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
 from skipnet.benchmark.methods import Estimate, Method, Task
-from skipnet.parallel.pools import THREAD_VARIABLES, environment
-
-PR_SET_PDEATHSIG = 1
-"""Of Linux's prctl(2): the signal that a process gets when its parent ends."""
+from skipnet.parallel.pools import THREAD_VARIABLES, end_with_parent, environment
 
 
 def isolated(make: Callable[[], Method], limit_s: float | None = None, threads: int = 1) -> Method:
@@ -126,9 +120,7 @@ def _settle_in(threads: int) -> None:
         processors = sorted(os.sched_getaffinity(0))
         first = os.getpid() % len(processors)
         os.sched_setaffinity(0, (processors[first:] + processors[:first])[:threads])
-    if sys.platform == "linux":
-        # A killed run cannot stop its children, and native code would run on for minutes.
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    end_with_parent()
 
 
 def _timed(method: Method, task: Task) -> Estimate | Exception:
