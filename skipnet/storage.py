@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import tempfile
@@ -53,6 +54,28 @@ def write_config(config: object, path: Path) -> None:
     from omegaconf import OmegaConf
 
     write_text(path, OmegaConf.to_yaml(OmegaConf.structured(config)))
+
+
+def append_line(path: Path, entry: Mapping[str, Any]) -> None:
+    """Add one JSON line and put it on the disk, so that a killed run keeps all it had."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(entry) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a file that grows line by line; none when there is no such file.
+
+    A last line that was cut off by a kill is cut from the file: what it told is done again.
+    """
+    if not path.exists():
+        return []
+    content = path.read_bytes()
+    complete = content[: content.rfind(b"\n") + 1]
+    if len(complete) < len(content):
+        os.truncate(path, len(complete))
+    return complete.decode("utf-8").splitlines()
 
 
 def plain(value: Any) -> Any:

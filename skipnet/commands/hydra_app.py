@@ -71,7 +71,7 @@ def run(
             _end_now()
         if not is_user_error(error) or os.environ.get(FULL_ERROR) == "1":
             raise
-        print(f"{name}: {one_line(error)}", file=sys.stderr)
+        print(f"{name.replace('/', ' ')}: {one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT
 
 
@@ -92,10 +92,9 @@ def _help(name: str, schema: type, config_dir: Path, overrides: Sequence[str]) -
     The template is ``hydra.help.template`` of the script's YAML file.
     """
     from hydra import compose, initialize_config_dir
-    from hydra.core.config_store import ConfigStore
     from omegaconf import OmegaConf
 
-    ConfigStore.instance().store(name=f"{name}_schema", node=schema)
+    _store(name, schema)
     with initialize_config_dir(str(config_dir.resolve()), version_base="1.3"):
         composed = compose(name, list(overrides), return_hydra_config=True)
     own = OmegaConf.masked_copy(composed, [str(key) for key in composed if key != "hydra"])
@@ -119,12 +118,11 @@ def _run_hydra(
     arguments: list[str],
 ) -> int:
     import hydra
-    from hydra.core.config_store import ConfigStore
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
     from omegaconf import DictConfig, OmegaConf
 
-    ConfigStore.instance().store(name=f"{name}_schema", node=schema)
+    _store(name, schema)
     outcome: list[int | Exception] = []
 
     def job(composed: DictConfig) -> None:
@@ -150,6 +148,13 @@ def _run_hydra(
         if isinstance(result, Exception):
             raise result
     return max((code for code in outcome if isinstance(code, int)), default=EXIT_OK)
+
+
+def _store(name: str, schema: type) -> None:
+    """Let the YAML file of a command list its schema; those of studies lie in a folder."""
+    from hydra.core.config_store import ConfigStore
+
+    ConfigStore.instance().store(f"{name.split('/')[-1]}_schema", schema)
 
 
 @contextmanager

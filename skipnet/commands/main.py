@@ -1,4 +1,4 @@
-"""The console command: ``skipnet register|evaluate|train``, also ``python -m skipnet``."""
+"""The console command: ``skipnet register|evaluate|train|study``, also ``python -m skipnet``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ COMMANDS = {
     "register": "bring two or more scans into one frame",
     "evaluate": "compare registration methods on the same pairs",
     "train": "train the network on simulated scenes",
+    "study": "ask one question about the method",
 }
 """Each is a module of this room with a ``main``."""
 

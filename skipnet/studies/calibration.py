@@ -1,26 +1,26 @@
-"""Fitting the verdict's confidence on simulated pairs: ``python -m skipnet.studies.calibration``.
+"""Fitting the verdict's confidence on simulated pairs: ``skipnet study calibration``.
 
 Positives are pairs of every simulated family, undisturbed, with passers-by and without viewpoints,
 and views of little overlap; negatives are scans of two different scenes of one kind, which for
-paper rooms means the same shell with other furniture. No real cloud takes part. The seeds lie apart
-from those of training and the benchmarks.
+paper rooms means the same shell with other furniture. No real cloud takes part. The scenes are
+those of no training and no benchmark.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from skipnet.benchmark.datasets.overlapping import KINDS, Kind, goal_overlap, make_pair
 from skipnet.geometry import pose_error
-from skipnet.parallel.pools import worker_pool
+from skipnet.metrics.calibration import expected_calibration_error
 from skipnet.registration.findings import FEATURES
-from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import register
 from skipnet.registration.verdict import CALIBRATION_FILE, MAX_VIOLATION
 from skipnet.scans.scan import Viewpoint
@@ -28,7 +28,10 @@ from skipnet.simulation.scanning.degrading import add_passers_by
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import CALIBRATION
 from skipnet.storage import write_text
+from skipnet.studies.options import CalibrationConfig
+from skipnet.studies.study import do_all, report
 from skipnet.types import FloatArray, Pair
+from skipnet.viz.tables import Table
 
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
 SCANNERS = ("terrestrial", "rings")
@@ -47,32 +50,71 @@ class Trial:
     right: bool
     """The pose is within the pair's thresholds; never so for scans of different scenes."""
 
+    @property
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers, without loss."""
+        return {**vars(self), "features": self.features.tolist()}
 
-def run_trials(
-    scenes: int, config: RegistrationConfig | None = None, workers: int = 1
-) -> Iterator[Trial]:
-    """Register simulated positives and negatives of so many scenes of each kind."""
-    numbers = range(0, 2 * scenes, 2)
-    CALIBRATION.take(2 * scenes)  # all or none
-    with worker_pool(workers) as pool:
-        jobs = [
-            pool.submit(trials_of_scene, family, scanner, number, config)
-            for number in numbers
-            for family in FAMILIES
-            for scanner in SCANNERS
-        ]
-        jobs += [
-            pool.submit(trials_of_views, kind, number, index / scenes, config)
-            for index, number in enumerate(numbers)
-            for kind in KINDS
-        ]
-        for job in jobs:
-            yield from job.result()
+    @staticmethod
+    def from_json(fields: dict[str, Any]) -> Trial:
+        """The trial that ``as_json`` told of."""
+        return Trial(**{**fields, "features": np.array(fields["features"])})
 
 
-def trials_of_scene(
-    family: str, scanner: str, number: int, config: RegistrationConfig | None = None
-) -> list[Trial]:
+Job = partial[list[Trial]]
+"""Registers all that belongs to one scene."""
+
+
+def run(config: CalibrationConfig) -> dict[str, Any]:
+    """Try every scene, fit the confidence, write it and report; the summary comes back."""
+    folder = Path(config.output_dir)
+    of_jobs = do_all(jobs(config.scenes, config.seed), _do, folder, config.workers)
+    trials = [Trial.from_json(one) for of_job in of_jobs for one in of_job["trials"]]
+    fitted = fit(trials, CALIBRATION.scene(config.seed))
+    text = json.dumps(fitted, indent=2) + "\n"
+    write_text(folder / CALIBRATION_FILE.name, text)
+    if config.ship:
+        write_text(CALIBRATION_FILE, text)
+    return report(
+        config,
+        "Calibration: what the verdict's confidence rests on",
+        {
+            "scenes": f"{config.scenes} of each kind, from number {config.seed} of "
+            f"{CALIBRATION.first}, each with another that it has nothing to do with",
+            "kinds": ", ".join((*FAMILIES, *(kind.name for kind in KINDS))),
+        },
+        [weights_table(fitted), trials_table(trials)],
+        sentences=[
+            f"{fitted['right']} of {fitted['trials']} answers are right.",
+            f"Expected calibration error on these very trials: {error_of(fitted, trials):.3f}.",
+        ],
+        fit=fitted,
+    )
+
+
+def jobs(scenes: int, skip: int = 0) -> dict[str, Job]:
+    """Of so many scenes of each kind, each with the next one as the other."""
+    CALIBRATION.take(2 * scenes, skip)  # all or none
+    numbers = range(skip, skip + 2 * scenes, 2)
+    chosen: dict[str, Job] = {
+        f"{family}/{scanner}/{number}": partial(trials_of_scene, family, scanner, number)
+        for number in numbers
+        for family in FAMILIES
+        for scanner in SCANNERS
+    }
+    for index, number in enumerate(numbers):
+        share = index / scenes
+        for kind in KINDS:
+            views = partial(trials_of_views, kind, number, share)
+            chosen[f"{kind.name}/{number}/{share:.3f}"] = views
+    return chosen
+
+
+def _do(job: Job) -> dict[str, Any]:
+    return {"trials": [trial.as_json for trial in job()]}
+
+
+def trials_of_scene(family: str, scanner: str, number: int) -> list[Trial]:
     """Of two scenes, undisturbed, with passers-by, and without viewpoints."""
     seed, seed_of_other = CALIBRATION.take(2, skip=number)
     pair = simulate_pair(family, seed, scanner=scanner, rotation="any").pair
@@ -88,29 +130,26 @@ def trials_of_scene(
         for one in (pair, other)
     )
     return [
-        *_same_and_different(pair, other, f"{name}/still", config),
-        *_same_and_different(disturbed, disturbed_other, f"{name}/{busy} passers-by", config),
-        *_same_and_different(pair, other, f"{name}/blind", config, viewpoint=None),
+        *_same_and_different(pair, other, f"{name}/still"),
+        *_same_and_different(disturbed, disturbed_other, f"{name}/{busy} passers-by"),
+        *_same_and_different(pair, other, f"{name}/blind", viewpoint=None),
     ]
 
 
-def trials_of_views(
-    kind: Kind, number: int, share: float, config: RegistrationConfig | None = None
-) -> list[Trial]:
+def trials_of_views(kind: Kind, number: int, share: float) -> list[Trial]:
     """A positive and a negative of views of little overlap, as ``benchmark=overlap`` has them."""
     name = f"{kind.name}/{CALIBRATION.scene(number)}"
     pair, other = (
         make_pair(kind, CALIBRATION.stand_ins(one), goal_overlap(share), name)
         for one in (number, number + 1)
     )
-    return _same_and_different(pair, other, name, config)
+    return _same_and_different(pair, other, name)
 
 
 def _same_and_different(
     pair: Pair,
     other: Pair,
     name: str,
-    config: RegistrationConfig | None,
     viewpoint: Viewpoint = "auto",
 ) -> list[Trial]:
     """The pair, and its source with the target of another; without those that found no pose."""
@@ -121,7 +160,6 @@ def _same_and_different(
             target_m,
             source_viewpoint=viewpoint,
             target_viewpoint=viewpoint,
-            config=config,
         )
         rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
         right = (
@@ -135,8 +173,12 @@ def _same_and_different(
     return trials
 
 
-def fit(trials: list[Trial]) -> dict[str, object]:
+def fit(trials: Sequence[Trial], first_seed: int = CALIBRATION.first) -> dict[str, Any]:
     """Logistic regression of being right on the features (scikit-learn).
+
+    Args:
+        trials: what came of the registrations.
+        first_seed: of their scenes, to be kept with the fit.
 
     Returns:
         What ``confidence.json`` holds: a weight per feature, the bias, and how it was fitted.
@@ -161,20 +203,36 @@ def fit(trials: list[Trial]) -> dict[str, object]:
         "families": list(FAMILIES),
         "scanners": list(SCANNERS),
         "views": [kind.name for kind in KINDS],
-        "first_seed": CALIBRATION.first,
+        "first_seed": first_seed,
         "regularisation": REGULARISATION,
     }
 
 
-def main(scenes: int = 8) -> None:
-    """Run the trials, fit the confidence and replace the shipped ``confidence.json``."""
-    trials = []
-    for trial in run_trials(scenes, workers=os.cpu_count() or 1):
-        trials.append(trial)
-        figures = " ".join(f"{value:.3f}" for value in trial.features)
-        sys.stderr.write(f"{'right' if trial.right else 'wrong'} {trial.name} {figures}\n")
-    write_text(CALIBRATION_FILE, json.dumps(fit(trials), indent=2) + "\n")
+def error_of(fitted: dict[str, Any], trials: Sequence[Trial]) -> float:
+    """Expected calibration error of a fit on trials."""
+    weights = np.array([fitted["weights"][name] for name in FEATURES])
+    logits = np.array([trial.features @ weights for trial in trials]) + fitted["bias"]
+    right = np.array([float(trial.right) for trial in trials])
+    return expected_calibration_error(1 / (1 + np.exp(-logits)), right)
 
 
-if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:2]))
+def weights_table(fitted: dict[str, Any]) -> Table:
+    """What the confidence is made of."""
+    rows = tuple((name, f"{weight:.3f}") for name, weight in fitted["weights"].items())
+    note = f"Logistic regression; of what is refused a share of {fitted['refused']:.3f} is right."
+    bias = ("bias", f"{fitted['bias']:.3f}")
+    return Table("The fit", ("figure", "weight"), (*rows, bias), note)
+
+
+def trials_table(trials: Sequence[Trial]) -> Table:
+    """Every trial with what the verdict saw."""
+    rows = tuple(
+        (
+            trial.name,
+            "right" if trial.right else "wrong",
+            f"{trial.violation:.4f}",
+            *(f"{value:.3f}" for value in trial.features),
+        )
+        for trial in trials
+    )
+    return Table("Every trial", ("scans", "pose", "violation", *FEATURES), rows, folded=True)

@@ -1,4 +1,4 @@
-"""How many right correspondences: ``python -m skipnet.studies.inliers FOLDER [NETWORK ...]``.
+"""How many right correspondences? ``skipnet study inliers data=FOLDER``.
 
 The descriptor of the shipped network, and of others by name or file, beside FPFH on the same
 keypoints of every pair of a folder with a pairs.json, each source turned at random. Nothing is
@@ -8,10 +8,10 @@ better than the principal frame's, to which those of the pipeline's own FPFH loo
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,10 @@ from skipnet.networks.catalog import find_network
 from skipnet.networks.model import Model
 from skipnet.scans.scan import Scan, checked, describe
 from skipnet.skipmap.skipmap import SkipMap
+from skipnet.studies.options import InliersConfig
+from skipnet.studies.study import report
 from skipnet.types import Pair
+from skipnet.viz.tables import Table
 
 FPFH = "FPFH"
 
@@ -75,44 +78,49 @@ def _with_sides(scan: Scan) -> SkipMap:
     return scan.skipmap.seen_from(invert(scan.T_given_own)[:3, 3])
 
 
-def table(matches: Matches) -> str:
-    """Markdown: inlier ratio per set and descriptor; then over all sets, with matched pairs, and
-    seconds for all pairs, also as a share of FPFH's."""
-    names = list(matches)
-    lines = [f"| set | pairs | {' | '.join(names)} |", "|---|---:|" + "---:|" * len(names)]
-    for set_name, of_set in matches[FPFH].items():
-        ratios = [summarise(matches[name][set_name])["inlier_ratio"] for name in names]
-        lines.append(_line(set_name, len(of_set), ratios))
-    everything = {name: [one for ones in matches[name].values() for one in ones] for name in names}
-    count = len(everything[FPFH])
-    means = [
-        float(np.mean([summarise(ones)["inlier_ratio"] for ones in matches[name].values()]))
-        for name in names
+def run(config: InliersConfig) -> dict[str, Any]:
+    """Compare networks on a folder's pairs and report; the summary comes back."""
+    networks = {"skipnet": find_network()} | {name: find_network(name) for name in config.networks}
+    pairs = folder_pairs(config.data, config.sets, seed=config.seed)
+    matches = compare(pairs, networks)
+    return report(
+        config,
+        "Inliers: how many right correspondences does the descriptor find?",
+        {"pairs from": str(config.data), "sets": ", ".join(matches[FPFH])},
+        [ratios_table(matches), totals_table(matches)],
+        inlier_ratio={name: ratios_of(matches[name]) for name in matches},
+    )
+
+
+def ratios_of(of_sets: dict[str, list[Match]]) -> dict[str, float]:
+    """Mean inlier ratio of each set."""
+    return {name: summarise(ones)["inlier_ratio"] for name, ones in of_sets.items()}
+
+
+def ratios_table(matches: Matches) -> Table:
+    """Inlier ratio per set and descriptor, and the mean over sets."""
+    ratios = {name: ratios_of(of_sets) for name, of_sets in matches.items()}
+    rows = [
+        (name, str(len(ones)), *_cells(ratio[name] for ratio in ratios.values()))
+        for name, ones in matches[FPFH].items()
     ]
-    matched = [summarise(everything[name])["matched_pairs"] for name in names]
-    seconds = [sum(one.seconds for one in everything[name]) for name in names]
-    lines.append(_line("mean of sets", count, means))
-    lines.append(_line("pairs with 5 % inliers", count, matched))
-    lines.append(_line("seconds, describing and matching", count, seconds))
-    lines.append(_line("share of FPFH's time", count, [one / seconds[-1] for one in seconds]))
-    return "\n".join(lines)
+    means = (float(np.mean(list(ratio.values()))) for ratio in ratios.values())
+    rows.append(("mean of sets", str(sum(map(len, matches[FPFH].values()))), *_cells(means)))
+    return Table("Inlier ratio", ("set", "pairs", *matches), tuple(rows))
 
 
-def _line(title: str, pairs: int, values: list[float]) -> str:
-    return f"| {title} | {pairs} | {' | '.join(f'{value:.3f}' for value in values)} |"
+def totals_table(matches: Matches) -> Table:
+    """Over all pairs: matched ones, and seconds, also as a share of FPFH's."""
+    everything = {name: sum(of_sets.values(), []) for name, of_sets in matches.items()}
+    matched = [summarise(ones)["matched_pairs"] for ones in everything.values()]
+    seconds = [sum(one.seconds for one in ones) for ones in everything.values()]
+    rows = (
+        ("pairs with 5 % inliers", *_cells(matched)),
+        ("seconds, describing and matching", *_cells(seconds)),
+        ("share of FPFH's time", *_cells(one / seconds[-1] for one in seconds)),
+    )
+    return Table("All pairs", ("", *matches), rows)
 
 
-def main(folder: str, *weights: str) -> None:
-    """Print the table."""
-    descriptors = {"skipnet": find_network()} | {name: find_network(name) for name in weights}
-    print(table(compare(folder_pairs(folder), descriptors)))
-
-
-if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        sys.exit("usage: python -m skipnet.studies.inliers FOLDER [NETWORK ...]")
-    try:
-        main(*sys.argv[1:])
-    except (ImportError, OSError, ValueError) as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        sys.exit(2)
+def _cells(values: Iterable[float]) -> tuple[str, ...]:
+    return tuple(f"{value:.3f}" for value in values)

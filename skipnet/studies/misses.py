@@ -1,4 +1,4 @@
-"""Why were pairs missed? ``python -m skipnet.studies.misses RUN_FOLDER``.
+"""Why were pairs missed? ``skipnet study misses run=RUN_FOLDER``.
 
 For each pair that skipnet missed in a run of ``evaluate.py``: how many right correspondences the
 descriptor offered, what the judge says of the reference pose, after fine alignment, and what of the
@@ -8,15 +8,15 @@ the scans themselves speak for the answer, as far as the judge can tell.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.reporting.pages import ReportFigure
 from skipnet.benchmark.running.contestants import make_pair_set, protocol_of
 from skipnet.benchmark.running.runner import PREDICTIONS_FILE
 from skipnet.benchmark.scoring.predictions import Prediction, read_predictions
@@ -30,15 +30,22 @@ from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
 from skipnet.registration.options import RegistrationConfig
 from skipnet.scans.scan import Scan, describe
-from skipnet.storage import write_bytes
+from skipnet.studies.options import MissesConfig
+from skipnet.studies.study import report
 from skipnet.types import FloatArray, Pair
+from skipnet.viz.tables import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HEADERS = (
     *("pair", "overlap", "status", "inliers offered"),
-    *("reference: agrees", "contradicts", "score", "answer: agrees", "contradicts", "score", "why"),
+    *("reference: overlap", "violation", "score", "answer: overlap", "violation", "score", "why"),
+)
+
+NOTE = (
+    "Overlap beside the pair: share of the source's voxels that the target has. Both poses: what "
+    "the judge says of them. Not proposed: it would have taken the reference pose."
 )
 
 
@@ -88,6 +95,29 @@ class Miss:
             pose, _, side = axes.get_title().partition(", ")
             axes.set_title(f"{'reference' if pose == 'before' else 'answer'}, {side}")
         return figure
+
+
+def run(config: MissesConfig) -> dict[str, Any]:
+    """Look into every miss of a run and report, with a picture of each; the summary comes back."""
+    misses = list(find_misses(Path(str(config.run)), config.method))
+    unproposed = sum(miss.was_offered_too_little for miss in misses)
+    figures = [ReportFigure(_file_name(m), f"{m.pair.name}: {m.row[-1]}", m.draw()) for m in misses]
+    return report(
+        config,
+        "Misses: why were pairs missed?",
+        {"run": str(config.run), "method": config.method},
+        [Table("Every miss", HEADERS, tuple(miss.row for miss in misses), NOTE)],
+        figures,
+        [f"{len(misses)} misses; in {unproposed} the judge would have taken the reference pose."],
+        misses=[
+            {"pair": m.pair.name, "overlap": m.overlap, "status": m.answer.status, "why": m.row[-1]}
+            for m in misses
+        ],
+    )
+
+
+def _file_name(miss: Miss) -> str:
+    return miss.pair.name.replace("/", "_").replace(", ", "_")
 
 
 def find_misses(folder: Path, method: str = "skipnet") -> Iterator[Miss]:
@@ -154,21 +184,3 @@ def count_inliers(source: Scan, target: Scan, T_target_source: FloatArray) -> tu
     moved_m = transform_points(T_target_source, source.skipmap.centroids_m[rows_s])
     apart_m = np.linalg.norm(moved_m - target.skipmap.centroids_m[rows_t], axis=1)
     return int((apart_m < INLIER_VOXELS * source.skipmap.voxel_size_m).sum()), len(rows_s)
-
-
-def main(folder: str) -> None:
-    """Write the pictures into ``misses/`` of the run's folder; print the table."""
-    from skipnet.viz.pictures import png_bytes
-
-    pictures = Path(folder) / "misses"
-    print(f"| {' | '.join(HEADERS)} |\n|{'---|' * len(HEADERS)}")
-    for miss in find_misses(Path(folder)):
-        name = miss.pair.name.replace("/", "_").replace(", ", "_")
-        write_bytes(pictures / f"{name}.png", png_bytes(miss.draw()))
-        print(f"| {' | '.join(miss.row)} |", flush=True)
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2 or not (Path(sys.argv[1]) / PREDICTIONS_FILE).is_file():
-        sys.exit("usage: python -m skipnet.studies.misses RUN, the output_dir of evaluate.py")
-    main(sys.argv[1])

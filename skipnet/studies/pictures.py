@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from skipnet.scans.scan import Scan, describe
 from skipnet.simulation.scanning.pairs import SimulatedPair, simulate_pair
 from skipnet.simulation.seeds import DEMO
 from skipnet.storage import write_bytes
+from skipnet.studies.options import PicturesConfig
 from skipnet.viz import pictures
 
 if TYPE_CHECKING:
@@ -25,12 +26,19 @@ DPI, COLOURS = 90, 64
 """Small files: they are kept with the documentation."""
 
 
+def run(config: PicturesConfig) -> dict[str, Any]:
+    """Draw every picture and name the files."""
+    written = draw_documentation(Path(config.output_dir), config.seed)
+    print("\n".join(str(path) for path in written))
+    return {"written": [str(path) for path in written]}
+
+
 def draw_documentation(folder: Path, seed: int = 0) -> list[Path]:
     """Draw every picture of docs/ into a folder.
 
     Args:
         folder: made when missing; files of the same names are replaced.
-        seed: number of the simulated room; 0 is that of `make demo`.
+        seed: number of the simulated room (``skipnet.simulation.seeds.DEMO``).
 
     Returns:
         The files, in the order of the pipeline.

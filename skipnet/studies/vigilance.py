@@ -1,28 +1,30 @@
-"""Is the judge ever fooled? ``python -m skipnet.studies.vigilance [pairs] [negatives]``.
+"""Is the judge ever fooled? ``skipnet study vigilance``.
 
 Registers pairs of simulated families, pairs of scans that share nothing (half of them from one
 shell, with other furniture and openings), and scenes that leave the answer open; counts who was
 right, what came back registered, and how far confidences are from the shares that are right. The
-seeds lie apart from those that the confidence was fitted on.
+scenes are those of no fit.
 """
 
 from __future__ import annotations
 
-import os
-import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from skipnet.geometry import pose_error
 from skipnet.metrics.calibration import expected_calibration_error
-from skipnet.parallel.pools import worker_pool
 from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import VIGILANCE, VIGILANCE_APART
+from skipnet.studies.options import VigilanceConfig
+from skipnet.studies.study import do_all, report
 from skipnet.types import Pair
+from skipnet.viz.tables import Table
 
 POSITIVES = {
     "paper room": ("paper_room", "terrestrial", "yaw"),
@@ -44,8 +46,6 @@ OPEN = {
     "symmetric": ("symmetric", "terrestrial", "any"),
     "corridor": ("corridor", "terrestrial", "any"),
 }
-
-
 STATUSES = ("registered", "ambiguous", "failed")
 
 
@@ -60,36 +60,76 @@ class Case:
     target_seed: int
     """The same scene where these are equal."""
 
+    @property
+    def name(self) -> str:
+        """All that the outcome depends on."""
+        return f"{self.group}: {'/'.join(self.recipe)} {self.source_seed}-{self.target_seed}"
+
 
 @dataclass(frozen=True)
 class Outcome:
     """What came of it."""
 
-    case: Case
     status: str
     confidence: float
     right: bool
-    rotation_rad: float
-    translation_m: float
+    rotation_deg: float
+    translation_mm: float
 
 
-def cases(pairs: int, negatives: int) -> list[Case]:
-    """Every registration of a run; negatives are half from one shell, half from all families."""
-    seeds = VIGILANCE.take(pairs)
+Judged = tuple[Case, Outcome]
+
+
+def run(config: VigilanceConfig) -> dict[str, Any]:
+    """Try every case and report; the summary comes back."""
+    chosen = {case.name: case for case in cases(config.pairs, config.negatives, config.seed)}
+    found = do_all(chosen, try_case, Path(config.output_dir), config.workers)
+    judged = [(case, Outcome(**one)) for case, one in zip(chosen.values(), found, strict=True)]
+    error = calibration_error(judged)
+    fooled = sum(o.status == "registered" and not o.right for _, o in judged)
+    return report(
+        config,
+        "Vigilance: is the judge ever fooled?",
+        {
+            "scans": f"{config.pairs} pairs of each kind, {config.negatives} that share nothing",
+            "scenes": f"from number {config.seed} of {VIGILANCE.first} and {VIGILANCE_APART.first}",
+        },
+        [counts_table(judged), surprises_table(judged)],
+        sentences=[
+            f"{fooled} of {len(judged)} came back registered with a wrong pose.",
+            f"Expected calibration error: {error:.3f}.",
+        ],
+        calibration_error=error,
+        registered_wrong=fooled,
+        cases=len(judged),
+    )
+
+
+def cases(pairs: int, negatives: int, skip: int = 0) -> list[Case]:
+    """Every registration of a run; negatives are half from one shell, half from all families.
+
+    Args:
+        pairs: of each group of one right answer.
+        negatives: of scans that share nothing.
+        skip: scenes of either range to pass over.
+    """
+    seeds = VIGILANCE.take(pairs, skip)
     chosen = [
         Case(group, recipe, seed, seed)
         for group, recipe in (*POSITIVES.items(), *OPEN.items())
         for seed in seeds[: None if group in POSITIVES else max(pairs // 5, 1)]
     ]
-    for index, seed in enumerate(VIGILANCE_APART.take(negatives + 1)[:negatives]):
+    # A negative takes the next scene, too: that of the target.
+    apart = VIGILANCE_APART.take(negatives + 1, skip)
+    for index, seeds_of_two in enumerate(zip(apart, apart[1:], strict=False)):
         recipe = SAME_SHELL if index % 2 == 0 else OTHERS[index // 2 % len(OTHERS)]
         group = "negatives, one shell" if index % 2 == 0 else "negatives, other rooms"
-        chosen.append(Case(group, recipe, seed, seed + 1))
+        chosen.append(Case(group, recipe, *seeds_of_two))
     return chosen
 
 
-def try_case(case: Case) -> Outcome:
-    """Register one case."""
+def try_case(case: Case) -> dict[str, Any]:
+    """Register one case; the fields of an ``Outcome``."""
     pair, other = (_pair(case.recipe, seed) for seed in (case.source_seed, case.target_seed))
     result = register(pair.source_m, other.target_m)
     rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
@@ -98,7 +138,9 @@ def try_case(case: Case) -> Outcome:
         and rotation_rad < pair.success_rotation_rad
         and translation_m < pair.success_translation_m
     )
-    return Outcome(case, result.status, result.confidence, right, rotation_rad, translation_m)
+    rotation_deg, translation_mm = float(np.rad2deg(rotation_rad)), 1000 * translation_m
+    outcome = Outcome(str(result.status), result.confidence, right, rotation_deg, translation_mm)
+    return asdict(outcome)
 
 
 def _pair(recipe: tuple[str, str, str], seed: int) -> Pair:
@@ -106,52 +148,52 @@ def _pair(recipe: tuple[str, str, str], seed: int) -> Pair:
     return simulate_pair(family, seed, scanner=scanner, rotation=rotation).pair
 
 
-def table(outcomes: Iterable[Outcome]) -> str:
-    """Markdown: one row per group, right and wrong by status, median error of the right ones."""
-    lines = [
-        "| scans | right | registered, right | ... wrong | ambiguous | failed | median error |",
-        "|---|---:|---:|---:|---:|---:|---:|",
-    ]
+def counts_table(judged: Iterable[Judged]) -> Table:
+    """One row per group: right and wrong by status, median error of the right ones."""
     groups: dict[str, list[Outcome]] = {}
-    for outcome in outcomes:
-        groups.setdefault(outcome.case.group, []).append(outcome)
-    for group, members in groups.items():
-        counts = Counter((o.status, o.right) for o in members)
-        errors_mm = [1000 * o.translation_m for o in members if o.right]
-        status = {name: counts[name, True] + counts[name, False] for name in STATUSES}
-        lines.append(
-            f"| {group} | {sum(o.right for o in members)} of {len(members)} "
-            f"| {counts['registered', True]} | {counts['registered', False]} "
-            f"| {status['ambiguous']} | {status['failed']} "
-            f"| {f'{np.median(errors_mm):.2f} mm' if errors_mm else ''} |"
-        )
-    return "\n".join(lines)
+    for case, outcome in judged:
+        groups.setdefault(case.group, []).append(outcome)
+    headers = (
+        *("scans", "right", "registered, right", "registered, wrong", "ambiguous", "failed"),
+        "median error (mm)",
+    )
+    rows = tuple((group, *_counts(members)) for group, members in groups.items())
+    note = "Right: within 0.5 degrees and 30 mm. Median error: of the right ones."
+    return Table("What came back", headers, rows, note)
 
 
-def calibration_error(outcomes: Sequence[Outcome]) -> float:
-    """Expected calibration error of all that has one right answer, or none."""
-    judged = [o for o in outcomes if o.case.group not in OPEN]
-    return expected_calibration_error(
-        np.array([o.confidence for o in judged]), np.array([float(o.right) for o in judged])
+def _counts(members: Sequence[Outcome]) -> tuple[str, ...]:
+    counts = Counter((o.status, o.right) for o in members)
+    errors_mm = [o.translation_mm for o in members if o.right]
+    return (
+        f"{sum(o.right for o in members)} of {len(members)}",
+        str(counts["registered", True]),
+        str(counts["registered", False]),
+        *(str(counts[status, True] + counts[status, False]) for status in STATUSES[1:]),
+        f"{np.median(errors_mm):.2f}" if errors_mm else "–",
     )
 
 
-def main(pairs: int = 50, negatives: int = 500) -> None:
-    """Run all cases on all processors; print the table and every result that is not as it should
-    be."""
-    outcomes = []
-    with worker_pool(os.cpu_count() or 1) as pool:
-        for outcome in pool.map(try_case, cases(pairs, negatives)):
-            outcomes.append(outcome)
-            if (outcome.status == "registered") != outcome.right:
-                sys.stderr.write(
-                    f"{outcome.case.group}, seed {outcome.case.source_seed}: {outcome.status} "
-                    f"({outcome.confidence:.2f}), {np.rad2deg(outcome.rotation_rad):.2f} deg, "
-                    f"{1000 * outcome.translation_m:.1f} mm\n"
-                )
-    print(table(outcomes))
-    print(f"\nexpected calibration error {calibration_error(outcomes):.3f}")
+def surprises_table(judged: Iterable[Judged]) -> Table:
+    """Every answer that is right and not registered, or registered and wrong."""
+    rows = tuple(
+        (
+            case.name,
+            outcome.status,
+            f"{outcome.confidence:.2f}",
+            f"{outcome.rotation_deg:.2f}",
+            f"{outcome.translation_mm:.1f}",
+        )
+        for case, outcome in judged
+        if (outcome.status == "registered") != outcome.right
+    )
+    headers = ("scans", "status", "confidence", "rotation (deg)", "translation (mm)")
+    return Table("Not as it should be", headers, rows, folded=True)
 
 
-if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:3]))
+def calibration_error(judged: Sequence[Judged]) -> float:
+    """Expected calibration error of all that has one right answer, or none."""
+    outcomes = [outcome for case, outcome in judged if case.group not in OPEN]
+    return expected_calibration_error(
+        np.array([o.confidence for o in outcomes]), np.array([float(o.right) for o in outcomes])
+    )

@@ -11,7 +11,8 @@ from skipnet.benchmark.running.runner import PREDICTIONS_FILE
 from skipnet.benchmark.scoring.predictions import Prediction, append_prediction
 from skipnet.geometry import make_transform
 from skipnet.storage import write_config
-from skipnet.studies.misses import HEADERS, find_misses, main
+from skipnet.studies.misses import HEADERS, find_misses, run
+from skipnet.studies.options import MissesConfig
 
 
 def run_folder(folder, shift_m):
@@ -47,9 +48,10 @@ def test_right_answers_are_no_misses(tmp_path):
 
 def test_the_command_writes_a_picture_and_a_line_for_each(tmp_path, capsys):
     pair = run_folder(tmp_path, 1.0)
-    main(str(tmp_path))
-    assert [path.stem for path in (tmp_path / "misses").iterdir()] == [pair.name]
+    summary = run(MissesConfig(run=str(tmp_path), output_dir=str(tmp_path / "misses")))
+    assert [path.stem for path in (tmp_path / "misses" / "figures").iterdir()] == [pair.name]
     assert capsys.readouterr().out.count(pair.name) == 1
+    assert [miss["why"] for miss in summary["misses"]] == ["not proposed"]
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):

@@ -15,7 +15,8 @@ from skipnet.studies.vigilance import (
     Outcome,
     calibration_error,
     cases,
-    table,
+    counts_table,
+    surprises_table,
     try_case,
 )
 
@@ -30,21 +31,21 @@ def test_half_of_the_negatives_share_a_shell_and_no_scene_meets_itself():
     assert all(case.source_seed == case.target_seed for case in others)
 
 
-def outcome(group, status, confidence, right, translation_m=0.001):
-    return Outcome(Case(group, SAME_SHELL, 1, 1), status, confidence, right, 0.0, translation_m)
+def outcome(group, status, confidence, right, translation_mm=1.0):
+    case = Case(group, SAME_SHELL, 1, 1)
+    return case, Outcome(status, confidence, right, 0.0, translation_mm)
 
 
 def test_the_table_counts_by_status_and_by_being_right():
     outcomes = [
-        outcome("rooms", "registered", 0.9, True, 0.002),
-        outcome("rooms", "registered", 0.8, False, 3.0),
-        outcome("rooms", "failed", 0.2, True, 0.004),
-        outcome("rooms", "ambiguous", 0.2, False, 3.0),
+        outcome("rooms", "registered", 0.9, True, 2.0),
+        outcome("rooms", "registered", 0.8, False, 3000.0),
+        outcome("rooms", "failed", 0.2, True, 4.0),
+        outcome("rooms", "ambiguous", 0.2, False, 3000.0),
     ]
-    row = table(outcomes).splitlines()[2]
-    assert [cell.strip() for cell in row.strip("|").split("|")] == [
-        *("rooms", "2 of 4", "1", "1", "1", "1", "3.00 mm"),
-    ]
+    assert counts_table(outcomes).rows == (("rooms", "2 of 4", "1", "1", "1", "1", "3.00"),)
+    surprises = surprises_table(outcomes).rows
+    assert [row[1:3] for row in surprises] == [("registered", "0.80"), ("failed", "0.20")]
 
 
 def test_the_calibration_error_leaves_out_scenes_without_one_right_answer():
@@ -58,9 +59,9 @@ def test_the_calibration_error_leaves_out_scenes_without_one_right_answer():
 def test_one_room_is_registered_and_two_rooms_are_not():
     recipe = ("oblique", "terrestrial", "yaw")
     same = try_case(Case("same", recipe, 3, 3))
-    assert same.right and same.status == "registered"
+    assert same["right"] and same["status"] == "registered"
     different = try_case(Case("negatives", recipe, 3, 4))
-    assert not different.right and different.status != "registered"
+    assert not different["right"] and different["status"] != "registered"
 
 
 def test_the_bound_grows_with_the_noise_and_shrinks_with_the_root_of_the_points():

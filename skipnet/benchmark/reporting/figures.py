@@ -18,6 +18,7 @@ from skipnet.benchmark.reporting.curves import (
     legend_beside,
     new_figure,
 )
+from skipnet.benchmark.reporting.pages import ReportFigure
 from skipnet.benchmark.scoring.predictions import Prediction
 from skipnet.benchmark.scoring.scoring import ScoreRow
 from skipnet.benchmark.scoring.summary import row_label
@@ -32,15 +33,6 @@ FARTHEST_MM = 1e5
 """A diverged pose, kilometres away, does not set the scale."""
 MOST_WITH_COARSE = 4
 """With more methods, curves show their final poses only."""
-
-
-@dataclass(frozen=True)
-class ReportFigure:
-    """A figure with the name of its file and what stands beneath it."""
-
-    name: str
-    caption: str
-    figure: Figure
 
 
 def draw_figures(

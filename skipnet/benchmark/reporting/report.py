@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +18,8 @@ from skipnet.benchmark.reporting.comparison import (
     success_table,
 )
 from skipnet.benchmark.reporting.events import write_events
-from skipnet.benchmark.reporting.figures import ReportFigure, draw_extremes, draw_figures
+from skipnet.benchmark.reporting.figures import draw_extremes, draw_figures
+from skipnet.benchmark.reporting.pages import Report, run_versions
 from skipnet.benchmark.reporting.tables import (
     PAPER_TABLE_2,
     failures_table,
@@ -37,16 +33,9 @@ from skipnet.benchmark.scoring.predictions import Prediction
 from skipnet.benchmark.scoring.protocols import PROTOCOLS, Protocol
 from skipnet.benchmark.scoring.scoring import Scorer, ScoreRow, write_scores
 from skipnet.benchmark.scoring.summary import summarise
-from skipnet.provenance import versions
-from skipnet.storage import write_bytes, write_text
-from skipnet.viz import html
-from skipnet.viz.pictures import png_bytes
 from skipnet.viz.tables import Table, number
 
-PEER_PACKAGES = ("kiss-matcher", "small_gicp")
-
 PAPER_FAMILY = "paper_room"
-PNG_COLOURS = 128
 
 
 @dataclass(frozen=True)
@@ -86,7 +75,6 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
         "rows": entries,
     }
     write_scores(results.rows, folder / "scores.csv")
-    write_text(folder / "summary.json", json.dumps(summary, indent=1, allow_nan=False))
     tables = make_tables(results, entries)
     figures = draw_figures(results.rows, entries, results.labels)
     figures += draw_extremes(
@@ -96,23 +84,10 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
         results.pair_set,
         results.worst,
     )
-    pictures = write_figures(figures, folder / "figures")
-    write_text(folder / "report.md", markdown(summary, tables, figures))
-    write_text(folder / "report.html", html_page(summary, tables, figures, pictures))
+    title = f"Registration benchmark: {results.about['benchmark']}"
+    pictures = Report(title, summary, tables, figures).write(folder)
     write_events(results.about, results.rows, entries, tables, pictures, folder / "tensorboard")
     return summary
-
-
-def run_versions() -> dict[str, str]:
-    """Versions of all that has a say in the figures, peers and the machine included."""
-    found = versions()
-    for package in PEER_PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    found["machine"] = f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
-    return found
 
 
 def make_tables(results: Results, entries: Sequence[dict[str, Any]]) -> list[Table]:
@@ -166,60 +141,3 @@ def comparison(entries: Sequence[dict[str, Any]]) -> list[str]:
         f"Its median error is {number(errors)} times that of skipnet's fine match "
         f"(in the paper {number(paper_errors)} times).",
     ]
-
-
-def write_figures(figures: Sequence[ReportFigure], folder: Path) -> dict[str, bytes]:
-    """Write each figure as NAME.png and return the same content by name."""
-    pictures = {figure.name: png_bytes(figure.figure, colours=PNG_COLOURS) for figure in figures}
-    for name, png in pictures.items():
-        write_bytes(folder / f"{name}.png", png)
-    return pictures
-
-
-def markdown(
-    summary: dict[str, Any], tables: Sequence[Table], figures: Sequence[ReportFigure]
-) -> str:
-    """report.md; its pictures are the files in figures/."""
-    about = [f"- {name}: {value}" for name, value in summary["about"].items()]
-    lines = [f"# {_title(summary)}", "", *about, "", *summary["comparison"], ""]
-    lines += [table.markdown() for table in tables]
-    for figure in figures:
-        lines += [f"![{figure.caption}](figures/{figure.name}.png)", "", figure.caption, ""]
-    return "\n".join([*lines, _footer(summary), ""])
-
-
-def html_page(
-    summary: dict[str, Any],
-    tables: Sequence[Table],
-    figures: Sequence[ReportFigure],
-    pictures: dict[str, bytes],
-) -> str:
-    """report.html: one file that opens without anything beside it."""
-    opened = [_html_table(table) for table in tables if not table.folded]
-    folded = [_html_table(table) for table in tables if table.folded]
-    shown = [html.picture(pictures[figure.name], figure.caption) for figure in figures]
-    return html.page(
-        _title(summary),
-        html.table(["", ""], list(summary["about"].items())),
-        *[html.paragraph(sentence) for sentence in summary["comparison"]],
-        *opened,
-        html.section("Figures", *shown),
-        *folded,
-        html.footer(_footer(summary)),
-    )
-
-
-def _title(summary: dict[str, Any]) -> str:
-    return f"Registration benchmark: {summary['about']['benchmark']}"
-
-
-def _footer(summary: dict[str, Any]) -> str:
-    return ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
-
-
-def _html_table(table: Table) -> str:
-    content = html.table(table.headers, table.rows)
-    note = html.paragraph(table.note) if table.note else ""
-    if table.folded:
-        return f"<details><summary>{escape(table.title)}</summary>{note}{content}</details>"
-    return html.section(table.title, content, note)

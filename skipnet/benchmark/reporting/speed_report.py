@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skipnet.benchmark.options import EvaluateConfig
-from skipnet.benchmark.reporting.figures import ReportFigure
-from skipnet.benchmark.reporting.report import html_page, markdown, run_versions, write_figures
+from skipnet.benchmark.reporting.pages import Report, ReportFigure, run_versions
 from skipnet.benchmark.reporting.speed_figures import draw_growth
-from skipnet.storage import replacing, write_text
+from skipnet.storage import replacing
 from skipnet.viz.dashboard import log_png, log_scalars, open_dashboard
 from skipnet.viz.tables import NOTHING, Table, number
 
@@ -57,11 +55,8 @@ def write_speed_report(
     )
     growth = draw_growth(config, summary["rows"], summary["exponents"], labels)
     figures = [ReportFigure("times", caption, growth)]
-    pictures = write_figures(figures, folder / "figures")
-    text = json.dumps(summary, indent=1, allow_nan=False)
-    write_text(folder / "summary.json", text)
-    write_text(folder / "report.md", markdown(summary, tables, figures))
-    write_text(folder / "report.html", html_page(summary, tables, figures, pictures))
+    title = f"Registration benchmark: {config.benchmark}"
+    pictures = Report(title, summary, tables, figures).write(folder)
     _write_scores(summary["rows"], folder / "scores.csv")
     with open_dashboard(folder / "tensorboard") as writer:
         for row in summary["rows"]:

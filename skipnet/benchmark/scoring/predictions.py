@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from skipnet.storage import append_line, read_lines
 from skipnet.types import FloatArray
 
 Matrix = list[list[float]]
@@ -49,11 +49,8 @@ class Prediction:
 
 
 def append_prediction(path: Path, prediction: Prediction) -> None:
-    """Add one line and put it on the disk, so that a killed run keeps all it had answered."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(asdict(prediction)) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+    """Add one line."""
+    append_line(path, asdict(prediction))
 
 
 def save_correspondences(
@@ -86,17 +83,8 @@ def read_predictions(path: Path) -> list[Prediction]:
     Raises:
         ValueError: if another line is not a prediction.
     """
-    if not path.exists():
-        return []
-    content = path.read_bytes()
-    complete = content[: content.rfind(b"\n") + 1]
-    if len(complete) < len(content):
-        os.truncate(path, len(complete))
-    return [
-        _parse(line, path, number)
-        for number, line in enumerate(complete.decode("utf-8").split("\n"), start=1)
-        if line
-    ]
+    lines = enumerate(read_lines(path), start=1)
+    return [_parse(line, path, number) for number, line in lines if line]
 
 
 def _parse(line: str, path: Path, number: int) -> Prediction:

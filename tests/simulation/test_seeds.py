@@ -15,7 +15,7 @@ from skipnet.benchmark.datasets.simulated import simulated_pairs
 from skipnet.registration.verdict import CALIBRATION_FILE
 from skipnet.simulation import seeds
 from skipnet.simulation.seeds import RANGES, SeedRange
-from skipnet.studies import vigilance
+from skipnet.studies import calibration, vigilance
 from skipnet.training.data.options import DataConfig
 from skipnet.training.experiments import both_heads, classes_alone
 from skipnet.training.options import DescriptorTrainConfig
@@ -76,6 +76,9 @@ def test_studies_stay_inside_their_ranges():
         vigilance.cases(1001, 0)
     with pytest.raises(ValueError, match="vigilance"):
         vigilance.cases(1, 9000)
+    assert calibration.jobs(500)
+    with pytest.raises(ValueError, match="calibration"):
+        calibration.jobs(501)
 
 
 def test_training_stays_inside_its_ranges():

@@ -1,0 +1,107 @@
+"""What studies share: jobs that are done once and kept, and a report like the benchmark's."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from skipnet.benchmark.reporting.pages import Report, ReportFigure, run_versions
+from skipnet.networks.catalog import find_network
+from skipnet.parallel.pools import mapping
+from skipnet.provenance import __version__
+from skipnet.storage import append_line, plain, read_lines, write_config
+from skipnet.studies.options import StudyConfig
+from skipnet.viz.tables import Table
+
+OUTCOMES_FILE = "outcomes.jsonl"
+Job = TypeVar("Job")
+Outcome = dict[str, Any]
+
+
+def do_all(
+    jobs: Mapping[str, Job],
+    work: Callable[[Job], Mapping[str, Any]],
+    folder: Path,
+    workers: int = 1,
+) -> list[Outcome]:
+    """What ``work`` makes of every job, in order; jobs done earlier in the folder are not repeated.
+
+    Args:
+        jobs: by a name that says all that the outcome depends on.
+        work: a function that another process can import; its result is kept as JSON.
+        folder: takes the outcomes as they come, so that a killed study goes on where it stopped.
+        workers: processes.
+
+    Raises:
+        ValueError: the folder has outcomes of another version of skipnet or its network.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path, maker = folder / OUTCOMES_FILE, _maker()
+    known = _read(path, maker)
+    todo = [name for name in jobs if name not in known]
+    if len(todo) < len(jobs):
+        print(f"{len(jobs) - len(todo)} of {len(jobs)} were done before", file=sys.stderr)
+    with mapping(workers) as each:
+        outcomes = each(work, [jobs[name] for name in todo])
+        for number, (name, outcome) in enumerate(zip(todo, outcomes, strict=True), start=1):
+            known[name] = plain(outcome)
+            append_line(path, {"job": name, "maker": maker, "outcome": known[name]})
+            print(f"[{number}/{len(todo)}] {name}", file=sys.stderr)
+    return [known[name] for name in jobs]
+
+
+def report(
+    config: StudyConfig,
+    title: str,
+    about: Mapping[str, str],
+    tables: Sequence[Table],
+    figures: Sequence[ReportFigure] = (),
+    sentences: Sequence[str] = (),
+    **figures_of_summary: Any,
+) -> dict[str, Any]:
+    """Write config.yaml, summary.json, report.md and report.html, and print what it comes to.
+
+    Args:
+        config: of the study; names the folder.
+        title: the question that it asks.
+        about: what was run, name to description.
+        tables: of the report.
+        figures: beneath them.
+        sentences: above them.
+        **figures_of_summary: what else the summary holds.
+
+    Returns:
+        The content of summary.json.
+    """
+    folder = Path(config.output_dir)
+    summary: dict[str, Any] = {
+        "about": dict(about),
+        "versions": run_versions(),
+        "comparison": list(sentences),
+        **plain(figures_of_summary),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    write_config(config, folder / "config.yaml")
+    Report(title, summary, tables, figures).write(folder)
+    print("\n".join(table.markdown() for table in tables if not table.folded))
+    print("\n".join([*sentences, f"see {folder / 'report.html'}"]))
+    return summary
+
+
+def _maker() -> str:
+    """The version of all that answers depend on, in one word."""
+    return f"{__version__}-{find_network().digest}"
+
+
+def _read(path: Path, maker: str) -> dict[str, Outcome]:
+    entries = [json.loads(line) for line in read_lines(path)]
+    others = {entry["maker"] for entry in entries} - {maker}
+    if others:
+        raise ValueError(
+            f"{path} has outcomes of another version ({others.pop()}, this is {maker}): "
+            f"choose another output_dir, or remove the file"
+        )
+    return {entry["job"]: entry["outcome"] for entry in entries}
