@@ -2,7 +2,7 @@
 
 >>> import skipnet
 >>> sorted(skipnet.__all__)
-['Registration', '__version__', 'register']
+['Cloud', 'Registration', '__version__', 'read_cloud', 'read_points', 'register', 'write_cloud']
 """
 
 from __future__ import annotations
@@ -13,13 +13,28 @@ from typing import TYPE_CHECKING
 from skipnet.provenance import __version__
 
 if TYPE_CHECKING:
+    from skipnet.clouds.cloud import Cloud
+    from skipnet.clouds.formats.reading import read_cloud, read_points
+    from skipnet.clouds.formats.writing import write_cloud
     from skipnet.registration.pipeline import register
     from skipnet.registration.result import Registration
 
-__all__ = ["Registration", "__version__", "register"]
+__all__ = [
+    "Cloud",
+    "Registration",
+    "__version__",
+    "read_cloud",
+    "read_points",
+    "register",
+    "write_cloud",
+]
 
 _HOME_OF = {
+    "Cloud": "skipnet.clouds.cloud",
+    "read_cloud": "skipnet.clouds.formats.reading",
+    "read_points": "skipnet.clouds.formats.reading",
     "register": "skipnet.registration.pipeline",
+    "write_cloud": "skipnet.clouds.formats.writing",
     "Registration": "skipnet.registration.result",
 }
 

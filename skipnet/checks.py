@@ -7,6 +7,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
 
+METRES_PER_UNIT = {"m": 1.0, "mm": 0.001, "cm": 0.01, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
+"""The units of length that files may be in."""
+
 
 def require(condition: bool, option: str, value: object, expected: str) -> None:
     """Raise a ValueError that names the option, what was given and what is expected.

@@ -25,6 +25,7 @@ from skipnet.commands.errors import (
     was_interrupted,
 )
 from skipnet.commands.overrides import check_overrides
+from skipnet.commands.words import as_typed
 
 CONFIG_DIR = Path(__file__).parents[1] / "configs"
 """The YAML files; each folder in it is a config group."""
@@ -58,7 +59,7 @@ def run(
         and the highest of them after a sweep (``--multirun``), whose runs get a folder each,
         numbered from 0, as their ``output_dir``.
     """
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    arguments = as_typed(sys.argv[1:] if arguments is None else arguments, schema)
     try:
         flags = check_overrides(arguments, schema, config_dir)
         if flags.help:

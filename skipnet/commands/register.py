@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skipnet.checks import check_viewpoint, require
+from skipnet.checks import METRES_PER_UNIT, check_known, check_viewpoint, require
 from skipnet.commands import hydra_app
 from skipnet.commands.errors import EXIT_NOT_REGISTERED, EXIT_OK
 from skipnet.registration.options import RegistrationConfig
@@ -23,11 +23,18 @@ class RegisterConfig:
     """Options of ``register.py``: two scans, many scans, or none: a simulated pair."""
 
     source: str | None = None
-    """The scan to move (.ply .pcd .xyz .txt .csv .npy .npz .las .laz .e57), in metres."""
+    """The scan to move, in any format that README lists."""
     target: str | None = None
     """The scan that stays."""
     scans: list[str] = field(default_factory=list)
-    """Two or more scans to bring into the frame of the first, instead of source and target."""
+    """Scans to bring into the frame of the first, instead of source and target: two or more files,
+    a folder, a pattern such as scans/*.ply, or one E57 or PTX file that holds several."""
+    unit: str = "auto"
+    """Of the coordinates: m, cm, mm, km, ft, in; auto takes what the file says, else metres."""
+    format: str = "auto"
+    """Of aligned and merged clouds, beside PLY: pcd, las, laz, e57, xyz, csv; auto: the inputs'."""
+    colour_by_scan: bool = False
+    """Merged scans get one colour each, also where they have colours of their own."""
     output_dir: str = "runs/register"
     """Where the results are written, relative to where the user stands; made when missing."""
     source_viewpoint: Any = "auto"
@@ -44,6 +51,7 @@ class RegisterConfig:
     def __post_init__(self) -> None:
         check_viewpoint("source_viewpoint", self.source_viewpoint)
         check_viewpoint("target_viewpoint", self.target_viewpoint)
+        check_known("unit", self.unit, ("auto", *METRES_PER_UNIT))
         require(self.seed >= 0, "seed", self.seed, "a whole number of at least 0")
         size_m = self.voxel_size_m
         fits = size_m is None or 0 < size_m < math.inf
@@ -61,15 +69,7 @@ class RegisterConfig:
                 "source_viewpoint and target_viewpoint are for two scans: with scans=[...] all "
                 "viewpoints are found out; leave them out"
             )
-        require(len(self.scans) != 1, "scans", self.scans, "at least two files")
         require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
-
-    @property
-    def inputs(self) -> list[Path]:
-        """The files to read, in the order given; empty when a pair is to be simulated."""
-        if self.source is not None and self.target is not None:
-            return [Path(self.source), Path(self.target)]
-        return [Path(scan) for scan in self.scans]
 
 
 def register(config: RegisterConfig) -> Registration | MultiviewResult:
@@ -78,10 +78,12 @@ def register(config: RegisterConfig) -> Registration | MultiviewResult:
     Raises:
         FileNotFoundError: an input is missing; said before anything slow is imported.
     """
-    for path in config.inputs:
+    pair = [Path(name) for name in (config.source, config.target) if name is not None]
+    for path in pair:
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file")
     from skipnet.results import files
+    from skipnet.results.inputs import find_scans
 
     choices = files.Choices(
         config.source_viewpoint,
@@ -89,13 +91,15 @@ def register(config: RegisterConfig) -> Registration | MultiviewResult:
         config.voxel_size_m,
         config.seed,
         config.registration,
+        config.unit,
+        config.format,
+        config.colour_by_scan,
     )
     folder = Path(config.output_dir)
     if config.scans:
-        return files.register_scan_files(config.inputs, folder, choices)
-    if config.inputs:
-        source, target = config.inputs
-        return files.register_pair_files(source, target, folder, choices)
+        return files.register_scan_files(find_scans(config.scans), folder, choices)
+    if pair:
+        return files.register_pair_files(pair[0], pair[1], folder, choices)
     return files.register_simulated_pair(folder, choices)
 
 

@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
-import numpy.typing as npt
-
 from skipnet.networks.catalog import find_network
 from skipnet.projects.graph import PairKey, Poses, closure_m, measure, solve
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import clean, register_scans
 from skipnet.registration.result import Registration
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.scans.scan import Scan, Viewpoint, check_viewpoint, checked, describe
-from skipnet.skipmap.tree import SkipTree
+from skipnet.scans.given import ScanLike, taken
+from skipnet.scans.scan import Scan, Viewpoint, describe
 from skipnet.types import FloatArray
 
 MAX_CLOSURE_VOXELS = 1.0
@@ -44,7 +42,7 @@ class MultiviewResult:
 
 
 def register_many(
-    scans: Sequence[npt.ArrayLike | SkipTree],
+    scans: Sequence[ScanLike],
     *,
     viewpoints: Sequence[Viewpoint] | None = None,
     voxel_size_m: float | None = None,
@@ -103,7 +101,7 @@ def register_many(
 
 
 def _describe_all(
-    scans: Sequence[npt.ArrayLike | SkipTree],
+    scans: Sequence[ScanLike],
     viewpoints: Sequence[Viewpoint] | None,
     voxel_size_m: float | None,
     seed: int,
@@ -117,12 +115,13 @@ def _describe_all(
         raise ValueError(
             f"got {len(viewpoints)} viewpoints for {len(scans)} scans: expected one each"
         )
-    for number, viewpoint in enumerate(viewpoints):
-        check_viewpoint(viewpoint, f"viewpoints[{number}]")
-    clouds_m = [
-        clean(checked(scan, f"scans[{number}]"), config) for number, scan in enumerate(scans)
+    given = [
+        taken(scan, viewpoint, f"scans[{number}]", f"viewpoints[{number}]")
+        for number, (scan, viewpoint) in enumerate(zip(scans, viewpoints, strict=True))
     ]
-    return describe(clouds_m, viewpoints, voxel_size_m, seed, find_network(config.network))
+    clouds_m = [clean(cloud_m, config) for cloud_m, _ in given]
+    found = [viewpoint for _, viewpoint in given]
+    return describe(clouds_m, found, voxel_size_m, seed, find_network(config.network))
 
 
 def _trust(pair: Registration) -> tuple[float, float]:

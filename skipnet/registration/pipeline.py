@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from skipnet.clouds.cleaning import denoise
 from skipnet.features.fpfh import fpfh
@@ -23,8 +22,9 @@ from skipnet.registration.result import Registration, ScanFacts
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import Verdict
-from skipnet.scans.scan import Scan, Viewpoint, check_viewpoint, checked, describe
-from skipnet.skipmap.tree import Cloud, SkipTree, check_voxel_size, points_of
+from skipnet.scans.given import ScanLike, taken
+from skipnet.scans.scan import Scan, Viewpoint, describe
+from skipnet.skipmap.tree import Points, check_voxel_size, points_of
 from skipnet.types import Status
 
 CLEAR_CONFIDENCE = 0.95
@@ -32,8 +32,8 @@ CLEAR_CONFIDENCE = 0.95
 
 
 def register(
-    source: npt.ArrayLike | SkipTree,
-    target: npt.ArrayLike | SkipTree,
+    source: ScanLike,
+    target: ScanLike,
     *,
     source_viewpoint: Viewpoint = "auto",
     target_viewpoint: Viewpoint = "auto",
@@ -44,11 +44,12 @@ def register(
     """Find the rigid motion that brings the source scan into the target's frame, without a guess.
 
     Args:
-        source: (N, 3) points in the source's own frame, metres; of a scan too large to hold, the
-            voxels that ``skipnet.skipmap.streaming.thin_chunks`` reads it into.
-        target: (M, 3) points in the target's own frame, metres.
+        source: (N, 3) points in the source's own frame, metres; a Cloud, or the path of a file; of
+            a scan too large to hold, the voxels that ``skipnet.skipmap.streaming.thin_chunks``
+            reads it into.
+        target: (M, 3) points in the target's own frame, metres, or one of these.
         source_viewpoint: sensor position in the source's frame: (3,), None when unknown, "auto" to
-            find out.
+            take the file's, if it has one, and else to find out.
         target_viewpoint: likewise for the target.
         voxel_size_m: edge of a voxel; None chooses it from the data.
         seed: of every random choice: the same input and seed give the same result.
@@ -65,13 +66,12 @@ def register(
     config = config or RegistrationConfig()
     clock = Stopwatch()
     with clock("validate"):
-        clouds = checked(source, "source"), checked(target, "target")
-        check_viewpoint(source_viewpoint, "source_viewpoint")
-        check_viewpoint(target_viewpoint, "target_viewpoint")
+        source_m, source_viewpoint = taken(source, source_viewpoint, "source", "source_viewpoint")
+        target_m, target_viewpoint = taken(target, target_viewpoint, "target", "target_viewpoint")
         if voxel_size_m is not None:
             check_voxel_size(voxel_size_m)
     with clock("denoise"):
-        source_m, target_m = (clean(cloud_m, config) for cloud_m in clouds)
+        source_m, target_m = clean(source_m, config), clean(target_m, config)
     with clock("skip-map"):
         viewpoints = source_viewpoint, target_viewpoint
         network = find_network(config.network)
@@ -150,7 +150,7 @@ def is_enough(verdict: Verdict, coming: Generator) -> bool:
     return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 
 
-def clean(cloud_m: Cloud, config: RegistrationConfig) -> Cloud:
+def clean(cloud_m: Points, config: RegistrationConfig) -> Points:
     """The paper's denoising, where the config asks for it."""
     if not config.denoise:
         return cloud_m

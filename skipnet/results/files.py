@@ -6,33 +6,33 @@ all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skipnet.clouds.formats.reading import read_chunks, read_points, write_ply, write_ply_chunks
-from skipnet.geometry import pose_error, transform_points
+from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.writing import write_cloud
+from skipnet.geometry import pose_error
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.result import Registration
+from skipnet.results.clouds import output_names, write_aligned, write_merged
+from skipnet.results.inputs import Given, check_not_overwritten, read_given, read_given_scans
 from skipnet.results.pair import pair_page, result_json
 from skipnet.results.project import poses_json, scans_page
-from skipnet.scans.scan import Viewpoint, checked
-from skipnet.skipmap.streaming import thin_chunks
-from skipnet.skipmap.tree import Cloud, SkipTree, points_of
+from skipnet.scans.scan import Viewpoint
+from skipnet.skipmap.tree import points_of
 from skipnet.storage import write_bytes, write_text
 from skipnet.types import FloatArray, Pair
 
 if TYPE_CHECKING:
     from skipnet.projects.project import MultiviewResult
 
-PAIR_OUTPUTS = ("result.json", "aligned.ply", "before_after.png", "report.html")
-SCANS_OUTPUTS = ("poses.json", "merged.ply", "scans.png", "report.html")
+PAIR_OUTPUTS = ("result.json", "before_after.png", "report.html")
+SCANS_OUTPUTS = ("poses.json", "scans.png", "report.html")
 SIMULATED_FAMILY = "paper_room"
-LARGE_FILE_BYTES = 1 << 28
-"""Larger files are thinned while they are read, and are never in memory as a whole."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,21 @@ class Choices:
     voxel_size_m: float | None = None
     seed: int = 0
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    unit: str = "auto"
+    """Of the coordinates in the files."""
+    format: str = "auto"
+    """Extension of the clouds to write, beside PLY; "auto" takes that of the files."""
+    colour_by_scan: bool = False
+    """Merged scans get one colour each, also where they have colours of their own."""
 
 
 def register_pair_files(
     source: Path, target: Path, output_dir: Path, choices: Choices
 ) -> Registration:
-    """Register two files and write ``PAIR_OUTPUTS`` into a folder.
+    """Register two files and write ``PAIR_OUTPUTS`` and the aligned source into a folder.
 
     Args:
-        source: file to move, of a format that ``read_points`` knows, in metres.
+        source: file to move, of a format that ``read_cloud`` knows.
         target: file that stays.
         output_dir: made when missing; files of an earlier run are replaced.
         choices: the options.
@@ -61,15 +67,14 @@ def register_pair_files(
         FileNotFoundError: an input is missing; nothing has been written.
         ValueError: an input is no point cloud, or would be overwritten; nothing has been written.
     """
-    source_m, target_m = _read_inputs([source, target], output_dir, PAIR_OUTPUTS)
-    result = _register(source_m, target_m, choices)
-    inputs = {"source": str(source), "target": str(target)}
-    _write_pair(source_m, target_m, result, inputs, output_dir, choices.seed)
-    return result
+    names = output_names("aligned", [source], choices.format)
+    check_not_overwritten([source, target], output_dir, [*PAIR_OUTPUTS, *names])
+    given = [read_given(path, choices.unit) for path in (source, target)]
+    return _register(given[0], given[1], output_dir, names, choices)
 
 
 def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
-    """Simulate two scans of a room, register them, write them and ``PAIR_OUTPUTS`` into a folder.
+    """Simulate two scans of a room, register them, write them and the results into a folder.
 
     Prints how far the result is from the truth, which the registration never saw.
     """
@@ -77,127 +82,122 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     from skipnet.simulation.seeds import DEMO
 
     pair = simulate_pair(SIMULATED_FAMILY, DEMO.scene(choices.seed)).pair
-    inputs = {name: str(output_dir / f"simulated_{name}.ply") for name in ("source", "target")}
-    write_ply(inputs["source"], pair.source_m)
-    write_ply(inputs["target"], pair.target_m)
-    result = _register(pair.source_m, pair.target_m, choices)
-    _write_pair(pair.source_m, pair.target_m, result, inputs, output_dir, choices.seed)
+    given = []
+    for name, points_m in (("source", pair.source_m), ("target", pair.target_m)):
+        path = output_dir / f"simulated_{name}.ply"
+        write_cloud(path, points_m)
+        given.append(Given(path, points_m, Cloud(points_m, name=str(path))))
+    names = output_names("aligned", [given[0].path], choices.format)
+    result = _register(given[0], given[1], output_dir, names, choices)
     print(_compare_with_truth(result, pair))
     return result
 
 
 def register_scan_files(
-    scans: Sequence[Path], output_dir: Path, choices: Choices
+    paths: Sequence[Path], output_dir: Path, choices: Choices
 ) -> MultiviewResult:
-    """Bring many files into the frame of the first and write ``SCANS_OUTPUTS`` into a folder.
+    """Bring scans into the frame of the first; write ``SCANS_OUTPUTS`` and the merged cloud.
 
-    Every scan's viewpoint is found out; those of ``choices`` are for pairs.
+    A file may hold several scans. Every scan's viewpoint is the file's or found out; those of
+    ``choices`` are for pairs.
 
     Raises:
         FileNotFoundError: an input is missing; nothing has been written.
         ValueError: an input is no point cloud, or would be overwritten; nothing has been written.
     """
-    clouds_m = _read_inputs(scans, output_dir, SCANS_OUTPUTS)
+    names = output_names("merged", paths, choices.format)
+    check_not_overwritten(paths, output_dir, [*SCANS_OUTPUTS, *names])
+    scans = read_given_scans(paths, choices.unit)
     from skipnet.projects.project import register_many
 
     result = register_many(
-        clouds_m, voxel_size_m=choices.voxel_size_m, seed=choices.seed, config=choices.registration
-    )
-    names = [str(scan) for scan in scans]
-    poses = zip(scans, result.T_first_scan, clouds_m, strict=True)
-    placed = [
-        (f"{number}: {Path(scan).name}", transform_points(T_first_scan, points_of(cloud_m)))
-        for number, (scan, T_first_scan, cloud_m) in enumerate(poses)
-        if T_first_scan is not None
-    ]
-    png = _write_scans([cloud_m for _, cloud_m in placed], [name for name, _ in placed], output_dir)
-    write_text(output_dir / "report.html", scans_page(result, names, png, choices.seed))
-    write_text(output_dir / "poses.json", poses_json(result, names, choices.seed))
-    _announce(result.status, result.reason, output_dir)
-    return result
-
-
-def _read_inputs(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]) -> list[Cloud]:
-    clouds_m = [checked(_read(path), str(path)) for path in paths]
-    written = {(output_dir / name).resolve() for name in outputs}
-    for path in paths:
-        if path.resolve() in written:
-            raise ValueError(
-                f"{path}: would be overwritten by the results: choose another output_dir"
-            )
-    return clouds_m
-
-
-def _is_large(path: str | Path) -> bool:
-    return Path(path).is_file() and Path(path).stat().st_size > LARGE_FILE_BYTES
-
-
-def _read(path: Path) -> Cloud:
-    """All points of a file, or the voxels that a large one is read into."""
-    return thin_chunks(read_chunks(path), str(path)) if _is_large(path) else read_points(path)
-
-
-def _register(source_m: Cloud, target_m: Cloud, choices: Choices) -> Registration:
-    from skipnet.registration.pipeline import register
-
-    return register(
-        source_m,
-        target_m,
-        source_viewpoint=choices.source_viewpoint,
-        target_viewpoint=choices.target_viewpoint,
+        [scan.points_m for scan in scans],
+        viewpoints=[scan.viewpoint("auto") for scan in scans],
         voxel_size_m=choices.voxel_size_m,
         seed=choices.seed,
         config=choices.registration,
     )
+    labels = [scan.cloud.name for scan in scans]
+    png = _write_placed(scans, result.T_first_scan, output_dir, names, choices)
+    write_text(output_dir / "report.html", scans_page(result, labels, png, choices.seed))
+    write_text(output_dir / "poses.json", poses_json(result, labels, choices.seed))
+    _announce(result.status, result.reason, scans, output_dir)
+    return result
+
+
+def _register(
+    source: Given, target: Given, output_dir: Path, names: Sequence[str], choices: Choices
+) -> Registration:
+    """Register two scans and write all results of a pair."""
+    from skipnet.registration.pipeline import register
+
+    result = register(
+        source.points_m,
+        target.points_m,
+        source_viewpoint=source.viewpoint(choices.source_viewpoint),
+        target_viewpoint=target.viewpoint(choices.target_viewpoint),
+        voxel_size_m=choices.voxel_size_m,
+        seed=choices.seed,
+        config=choices.registration,
+    )
+    _write_pair(source, target, result, output_dir, names, choices.seed)
+    return result
 
 
 def _write_pair(
-    source_m: Cloud,
-    target_m: Cloud,
+    source: Given,
+    target: Given,
     result: Registration,
-    inputs: Mapping[str, str],
     output_dir: Path,
+    names: Sequence[str],
     seed: int,
 ) -> None:
     from skipnet.viz.pictures import draw_before_after, png_bytes
 
-    drawn_m = points_of(source_m), points_of(target_m)
+    drawn_m = points_of(source.points_m), points_of(target.points_m)
     png = png_bytes(draw_before_after(*drawn_m, result.T_target_source))
-    described = {
-        name: f"{inputs[name]}: {_size(cloud_m)}"
-        for name, cloud_m in (("source", source_m), ("target", target_m))
-    }
-    # A large file is read again, so that every point of it is in the result.
-    chunks = read_chunks(inputs["source"]) if isinstance(source_m, SkipTree) else [source_m]
-    aligned_m = (transform_points(result.T_target_source, chunk_m) for chunk_m in chunks)
-    write_ply_chunks(output_dir / "aligned.ply", aligned_m)
+    given = {"source": source, "target": target}
+    described = {name: scan.description for name, scan in given.items()}
+    inputs = {name: str(scan.path) for name, scan in given.items()}
+    facts = {name: scan.facts for name, scan in given.items()}
+    write_aligned(source, target, result.T_target_source, output_dir, names)
     write_bytes(output_dir / "before_after.png", png)
     write_text(output_dir / "report.html", pair_page(result, described, png, seed))
-    write_text(output_dir / "result.json", result_json(result, inputs, seed))
-    _announce(f"{result.status} (confidence {result.confidence:.2f})", result.reason, output_dir)
+    write_text(output_dir / "result.json", result_json(result, inputs, facts, seed))
+    outcome = f"{result.status} (confidence {result.confidence:.2f})"
+    _announce(outcome, result.reason, [source, target], output_dir)
 
 
-def _size(cloud_m: Cloud) -> str:
-    if isinstance(cloud_m, SkipTree):
-        return f"{cloud_m.moments.count.sum():,.0f} points, read into {len(cloud_m):,} voxels"
-    return f"{len(cloud_m):,} points"
-
-
-def _write_scans(placed_m: Sequence[FloatArray], names: Sequence[str], output_dir: Path) -> bytes:
-    """Write the merged cloud, each scan in its colour, and a picture of it; return the picture."""
+def _write_placed(
+    scans: Sequence[Given],
+    T_first_scan: Sequence[FloatArray | None],
+    output_dir: Path,
+    names: Sequence[str],
+    choices: Choices,
+) -> bytes:
+    """Write the merged cloud of the scans that found a place, and a picture of it; return that."""
     from matplotlib.colors import to_rgb
 
     from skipnet.viz.pictures import draw_scans, png_bytes, scan_colour
 
-    tints = [np.multiply(to_rgb(scan_colour(index)), 255) for index in range(len(placed_m))]
-    colours = np.repeat(tints, [len(points_m) for points_m in placed_m], axis=0).round()
-    write_ply(output_dir / "merged.ply", np.concatenate(placed_m), colours.astype(np.uint8))
-    png = png_bytes(draw_scans(placed_m, names))
+    placed, labels = [], []
+    for number, (scan, T) in enumerate(zip(scans, T_first_scan, strict=True)):
+        if T is not None:
+            cloud = Cloud(points_of(scan.points_m)) if scan.is_large else scan.cloud
+            placed.append(cloud.moved(T))
+            labels.append(f"{number}: {Path(scan.cloud.name).name}")
+    tints = [np.multiply(to_rgb(scan_colour(index)), 255) for index in range(len(placed))]
+    write_merged(placed, tints, choices.colour_by_scan, output_dir, names)
+    png = png_bytes(draw_scans([cloud.points_m for cloud in placed], labels))
     write_bytes(output_dir / "scans.png", png)
     return png
 
 
-def _announce(outcome: str, reason: str, output_dir: Path) -> None:
+def _announce(outcome: str, reason: str, scans: Sequence[Given], output_dir: Path) -> None:
+    """The outcome on the terminal, below what the readers had to decide."""
+    for scan in scans:
+        for note in scan.cloud.notes:
+            print(f"{scan.cloud.name}: {note}")
     print(f"{outcome}: {reason}")
     print(f"Look at {output_dir / 'report.html'}")
 

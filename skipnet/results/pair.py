@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,24 @@ from skipnet.viz import html
 _LONGEST_DETAIL = 200
 
 
-def result_json(result: Registration, inputs: Mapping[str, str], seed: int) -> str:
-    """``result.json``: every field of the result, transforms as lists, and where it came from."""
+def result_json(
+    result: Registration,
+    inputs: Mapping[str, str],
+    facts: Mapping[str, Sequence[str]],
+    seed: int,
+) -> str:
+    """``result.json``: every field of the result, transforms as lists, and where it came from.
+
+    Args:
+        result: of the registration.
+        inputs: "source" and "target" with their paths.
+        facts: what was read of each, beside its points.
+        seed: of the run.
+    """
     content = {
         **registration_fields(result),
         "inputs": dict(inputs),
+        "read": {name: list(words) for name, words in facts.items()},
         "seed": seed,
         "versions": versions(),
     }

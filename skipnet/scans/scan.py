@@ -27,7 +27,7 @@ from skipnet.scans.sparse import thin
 from skipnet.scans.viewpoint import find_viewpoint
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
-from skipnet.skipmap.tree import Cloud, SkipTree, build_tree, points_of
+from skipnet.skipmap.tree import Points, SkipTree, build_tree, points_of
 from skipnet.types import FeatureClass, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
         raise ValueError(f"{name}={viewpoint!r}: expected finite coordinates, or None if unknown")
 
 
-def checked(cloud: npt.ArrayLike | SkipTree, name: str) -> Cloud:
+def checked(cloud: npt.ArrayLike | SkipTree, name: str) -> Points:
     """Refuse what is no scan, as ``skipnet.clouds.cleaning.validate`` does."""
     if isinstance(cloud, SkipTree):
         validate(cloud.centroids_m, name)
@@ -179,7 +179,7 @@ class Scan:
 
 @one_blas_thread
 def describe(
-    clouds_m: Sequence[Cloud],
+    clouds_m: Sequence[Points],
     viewpoints: Sequence[Viewpoint],
     voxel_size_m: float | None = None,
     seed: int = 0,
@@ -212,14 +212,14 @@ def describe(
     return scans
 
 
-def _without_strays(cloud_m: Cloud) -> tuple[Cloud, int]:
+def _without_strays(cloud_m: Points) -> tuple[Points, int]:
     """The cloud without points far from all others, and how many they are."""
     strays = None if isinstance(cloud_m, SkipTree) else find_strays(cloud_m)
     return (cloud_m, 0) if strays is None else (cloud_m[~strays], int(strays.sum()))
 
 
 def _describe_one(
-    cloud_m: Cloud,
+    cloud_m: Points,
     strays: int,
     viewpoint: Viewpoint,
     T_given_own: FloatArray,

@@ -141,17 +141,17 @@ class SkipTree:
         return cells[starts, :2], starts
 
 
-Cloud = FloatArray | SkipTree
+Points = FloatArray | SkipTree
 """A scan: (N, 3) points, or voxels so fine that their moments can stand for these."""
 
 
-def points_of(cloud_m: Cloud) -> FloatArray:
+def points_of(cloud_m: Points) -> FloatArray:
     """What stands for a scan's points: (N, 3) they themselves, or the centroids of its voxels."""
     return cloud_m.centroids_m if isinstance(cloud_m, SkipTree) else cloud_m
 
 
 def build_tree(
-    points_m: Cloud,
+    points_m: Points,
     voxel_size_m: float,
     origin_m: FloatArray | None = None,
     T_tree_points: FloatArray | None = None,

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from skipnet.benchmark.datasets import PairSet, folder_pairs, simulated_pairs
 from skipnet.benchmark.datasets.disturbed import disturb, disturbed_pairs
 from skipnet.benchmark.options import DisturbanceConfig
-from skipnet.clouds.formats.reading import write_ply
+from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import invert, make_transform, rotation_angle_rad, transform_points
 from skipnet.metrics.poses import measured_overlap
 from skipnet.types import Pair
@@ -26,8 +26,8 @@ def folder(tmp_path, truth):
     target_m = np.random.default_rng(0).uniform(-2, 2, (50, 3))
     for name in ("hall", "attic"):
         (tmp_path / name).mkdir()
-        write_ply(tmp_path / name / "target.ply", target_m)
-        write_ply(tmp_path / name / "source.ply", transform_points(invert(truth), target_m))
+        write_cloud(tmp_path / name / "target.ply", target_m)
+        write_cloud(tmp_path / name / "source.ply", transform_points(invert(truth), target_m))
     entries = [
         {
             "set": name,

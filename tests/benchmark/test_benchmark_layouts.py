@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from skipnet.benchmark.datasets import DATASETS, folder_pairs
 from skipnet.benchmark.datasets.kitti import pairs_apart, read_scan, refine_truth
 from skipnet.benchmark.options import DatasetKind
-from skipnet.clouds.formats.reading import write_ply
+from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import invert, make_transform, pose_error, transform_points
 from skipnet.types import Pair
 
@@ -47,7 +47,7 @@ def write_blocks(path, blocks):
 def write_clouds(folder, pattern):
     folder.mkdir(parents=True, exist_ok=True)
     for number, points_m in enumerate(SCANS_M):
-        write_ply(folder / pattern.format(number), points_m)
+        write_cloud(folder / pattern.format(number), points_m)
 
 
 INFORMATION = np.diag([100.0, 100, 100, 40, 50, 60])

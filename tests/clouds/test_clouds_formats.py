@@ -8,14 +8,10 @@ import struct
 import numpy as np
 import pytest
 
+from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats import reading as formats
-from skipnet.clouds.formats.reading import (
-    SUPPORTED,
-    read_chunks,
-    read_points,
-    write_ply,
-    write_ply_chunks,
-)
+from skipnet.clouds.formats.reading import SUPPORTED, read_chunks, read_points
+from skipnet.clouds.formats.writing import write_cloud
 from skipnet.storage import replacing
 
 
@@ -63,7 +59,7 @@ def test_open3d_reads_what_we_write(tmp_path, points):
 
     path = tmp_path / "ours.ply"
     colors = np.random.default_rng(0).integers(0, 256, size=points.shape)
-    write_ply(path, points, colors)
+    write_cloud(path, Cloud(points, colour=colors.astype(np.uint8)))
     cloud = o3d.io.read_point_cloud(path)
     np.testing.assert_array_equal(np.asarray(cloud.points), points)
     np.testing.assert_allclose(np.asarray(cloud.colors) * 255, colors, atol=1e-9)
@@ -101,14 +97,14 @@ def test_large_files_are_read_and_written_in_chunks(tmp_path, points, extension,
         monkeypatch.setattr(f"skipnet.clouds.formats.{module}.RECORDS_AT_ONCE", 7)
     path = tmp_path / f"scan.{extension}"
     if extension == "ply":
-        write_ply_chunks(path, np.array_split(points, 3))
+        write_cloud(path, map(Cloud, np.array_split(points, 3)))
     else:
         laspy = pytest.importorskip("laspy")
         cloud = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
         cloud.header.scales = [1e-6] * 3
         cloud.x, cloud.y, cloud.z = points.T
         cloud.write(str(path))
-    chunks = list(read_chunks(path))
+    chunks = [chunk.points_m for chunk in read_chunks(path)]
     assert {len(chunk) for chunk in chunks[:-1]} == {7} and len(chunks) > 2
     np.testing.assert_allclose(np.concatenate(chunks), points, atol=1e-6)
     np.testing.assert_array_equal(read_points(path), np.concatenate(chunks))
@@ -152,7 +148,7 @@ def test_rows_without_a_return_in_a_pcd_are_dropped_and_reported(tmp_path, point
     with_gaps = points.copy()
     with_gaps[::5] = np.nan
     o3d.io.write_point_cloud(path, open3d_cloud(with_gaps))
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.INFO):
         kept = read_points(path)
     np.testing.assert_allclose(kept, with_gaps[~np.isnan(with_gaps[:, 0])], atol=1e-6)
     assert "dropped 10 of 50" in caplog.text
@@ -175,7 +171,7 @@ BROKEN = {
         "truncated",
     ),
     "mesh.ply": (PLY + b"element face 0\nproperty int a\nend_header\n", "no vertices"),
-    "flat.ply": (PLY + b"element vertex 1\nproperty float x\nend_header\n1\n", "lack x, y or z"),
+    "flat.ply": (PLY + b"element vertex 1\nproperty float x\nend_header\n1\n", "lacks x, y or z"),
     "none.ply": (
         PLY
         + b"element vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
@@ -185,9 +181,10 @@ BROKEN = {
     "flat.pcd": (b"FIELDS x y\nPOINTS 2\nDATA ascii\n1 2\n3 4\n", "lack x, y or z"),
     "widths.pcd": (
         b"FIELDS x y z\nCOUNT a b c\nPOINTS 1\nDATA ascii\n1 2 3\n",
-        "damaged points",
+        "whole numbers after COUNT",
     ),
     "letters.xyz": (b"these are\nnot numbers\n", "neither numbers nor"),
+    "row.txt": (b"".join(b"%d %d.5 2.25 3.5\n" % (i, i) for i in range(20)), "counts the lines"),
     "binary.xyz": (b"\xff\xfe\x00\x81", "not a text file"),
     "two.csv": (b"1,2\n3,4\n", "at least three numbers"),
     "cut.xyz": (b"1 2 3\n4 5 6\n7 8", "at least three numbers"),
@@ -195,8 +192,8 @@ BROKEN = {
     "head.csv": (b"x,y,z\n", "holds no points"),
     "noise.npy": (b"not numpy at all", "not a NumPy"),
     "noise.npz": (b"PK\x03\x04 broken", "not a NumPy"),
-    "points.obj": (b"v 1 2 3\n", "unknown extension"),
-    "points": (b"1 2 3\n", "unknown extension"),
+    "points.doc": (b"v 1 2 3\n", "unknown extension"),
+    "points": (b"hello\n", "unknown extension"),
 }
 
 
@@ -247,9 +244,8 @@ def test_a_missing_package_is_named_with_its_pip_command(tmp_path, monkeypatch):
 
 def test_the_supported_extensions_are_those_of_the_readers():
     assert set(SUPPORTED) == set(formats._READERS)
-    assert {".ply", ".pcd", ".xyz", ".txt", ".csv", ".npy", ".npz", ".las", ".laz", ".e57"} == set(
-        SUPPORTED
-    )
+    assert {".ply", ".pcd", ".xyz", ".txt", ".csv", ".asc", ".pts", ".ptx", ".npy", ".npz", ".las",
+            ".laz", ".e57", ".bin", ".obj", ".stl", ".glb", ".off"} == set(SUPPORTED)  # fmt: skip
 
 
 def test_a_failed_write_leaves_the_old_file_alone(tmp_path):

@@ -134,7 +134,7 @@ BAD_OVERRIDES = {
     "zzz=1": "the options are title, count, output_dir, brush, brush.width_m, brush.colour, extras",
     "~count": "cannot be removed",
     "count": "write option=value",
-    "title=a(b": "needs quotes",
+    "count=a(b": "needs quotes",
     "count=many": "could not be converted to Integer",
     "count=1,2": "--multirun",
     "brush.colour=green": "green",

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skipnet.clouds.formats.reading import read_points, write_ply
+from skipnet.clouds.formats.reading import read_points
+from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import invert, pose_error, transform_points
 from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
 
@@ -31,7 +32,7 @@ def pair():
 @pytest.fixture
 def stand(tmp_path, pair):
     """Where the user stands: two scans in a folder below."""
-    write_ply(tmp_path / "scans" / "a.ply", pair.source_m)
+    write_cloud(tmp_path / "scans" / "a.ply", pair.source_m)
     np.save(tmp_path / "scans" / "b.npy", pair.target_m)
     return tmp_path
 
@@ -70,7 +71,7 @@ def test_two_files_come_out_registered_with_every_result(stand, pair):
 def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):
     scans, _ = simulate_scans("paper_room", 1, 3, points=40_000)
     for name, scan in zip("abc", scans, strict=True):
-        write_ply(tmp_path / f"{name}.ply", scan.points_m)
+        write_cloud(tmp_path / f"{name}.ply", scan.points_m)
     run = register_py(tmp_path, "scans=[a.ply,b.ply,c.ply]", "output_dir=out")
     assert (run.returncode, run.stderr) == (0, "")
     written = {path.name for path in (tmp_path / "out").iterdir()}
@@ -114,8 +115,8 @@ BAD = {
     "not points": (["source=picture.ply", "target=scans/b.npy"], "picture.ply: not a PLY file"),
     "two points": (["source=two.npy", "target=scans/b.npy"], "two.npy: got 2 points"),
     "a line": (["source=line.npy", "target=scans/b.npy"], "on one line"),
-    "NaN": (["source=scans/a.ply", "target=nan.npy"], "nan.npy: 1 of 100 points hold NaN"),
-    "unknown extension": (["source=scans/a.ply", "target=b.obj"], "expected one of .ply, .pcd"),
+    "NaN alone": (["source=scans/a.ply", "target=nan.npy"], "nan.npy: holds no points but NaN"),
+    "unknown extension": (["source=scans/a.ply", "target=b.doc"], "expected one of .ply, .pcd"),
     "half a pair": (["source=scans/a.ply"], "give source=FILE and target=FILE together"),
     "misspelt": (["source=scans/a.ply", "traget=scans/b.npy"], "did you mean target?"),
     "misspelt with plus": (["+voxel_size=0.1"], "did you mean voxel_size_m?"),
@@ -128,7 +129,7 @@ BAD = {
         ["scans=[scans/a.ply,scans/b.npy]", "source_viewpoint=null"],
         "are for two scans",
     ),
-    "one scan": (["scans=[scans/a.ply]"], "at least two files"),
+    "one scan": (["scans=[scans/a.ply]"], "holds one scan: expected two or more"),
     "both ways": (["source=a.ply", "target=b.ply", "scans=[a.ply,b.ply]"], "exclude each other"),
     "a missing scan": (["scans=[scans/a.ply,scans/c.ply]"], "scans/c.ply: no such file"),
 }
@@ -140,12 +141,11 @@ def test_bad_input_is_one_line_and_exit_code_2(stand, case):
     (stand / "empty.ply").write_bytes(b"")
     (stand / "cut.ply").write_bytes(whole[: len(whole) // 2])
     (stand / "picture.ply").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(500))
-    (stand / "b.obj").write_text("v 1 2 3\n")
+    (stand / "b.doc").write_text("v 1 2 3\n")
     points = np.random.default_rng(0).normal(size=(100, 3))
     np.save(stand / "two.npy", points[:2])
     np.save(stand / "line.npy", points[:, :1] * [[1.0, 2.0, 3.0]])
-    points[7, 1] = np.nan
-    np.save(stand / "nan.npy", points)
+    np.save(stand / "nan.npy", points * np.nan)
     before = {path: path.read_bytes() for path in stand.rglob("*") if path.is_file()}
 
     arguments, words = BAD[case]
@@ -159,7 +159,7 @@ def test_bad_input_is_one_line_and_exit_code_2(stand, case):
 
 
 def test_an_input_is_never_overwritten(stand):
-    write_ply(stand / "out" / "aligned.ply", read_points(stand / "scans" / "a.ply"))
+    write_cloud(stand / "out" / "aligned.ply", read_points(stand / "scans" / "a.ply"))
     before = (stand / "out" / "aligned.ply").read_bytes()
     run = register_py(stand, "source=out/aligned.ply", "target=scans/b.npy", "output_dir=out")
     assert run.returncode == 2 and "would be overwritten" in run.stderr

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import skipnet
-from skipnet.clouds.formats.reading import read_points, write_ply
+from skipnet.clouds.formats.reading import read_points
+from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import pose_error, transform_points
 from skipnet.registration.options import RegistrationConfig
-from skipnet.results import files
+from skipnet.results import files, inputs
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.streaming import thin_chunks
 from skipnet.skipmap.tree import build_tree
@@ -84,9 +85,9 @@ def test_a_large_file_is_thinned_to_register_and_written_whole(tmp_path, monkeyp
     pair = simulate_pair("paper_room", 1, points=40_000).pair
     paths = [tmp_path / "a.ply", tmp_path / "b.ply"]
     for path, points_m in zip(paths, (pair.source_m, pair.target_m), strict=True):
-        write_ply(path, points_m)
-    monkeypatch.setattr(files, "LARGE_FILE_BYTES", 1000)
-    monkeypatch.setattr(files, "read_points", None)  # reads files as a whole
+        write_cloud(path, points_m)
+    monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", 1000)
+    monkeypatch.setattr(inputs, "read_cloud", None)  # reads files as a whole
     monkeypatch.setattr("skipnet.skipmap.streaming.thin_chunks.__defaults__", (20_000, 2.0**-10))
     result = files.register_pair_files(*paths, tmp_path / "out", files.Choices())
     rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)

@@ -10,7 +10,7 @@ import pytest
 
 from skipnet.benchmark.options import EvaluateConfig
 from skipnet.benchmark.running.contestants import make_pair_set
-from skipnet.clouds.formats.ply import write_ply
+from skipnet.clouds.formats.writing import write_cloud
 from skipnet.commands.study import main
 from skipnet.geometry import invert
 from skipnet.metrics.correspondences import by_fpfh
@@ -53,8 +53,8 @@ def test_ratios_are_those_counted_by_hand(pairs):
 
 def test_the_command_prints_the_table_of_a_folder(pairs, tmp_path, capsys):
     pair = pairs[0]
-    write_ply(tmp_path / "a.ply", pair.source_m)
-    write_ply(tmp_path / "b.ply", pair.target_m)
+    write_cloud(tmp_path / "a.ply", pair.source_m)
+    write_cloud(tmp_path / "b.ply", pair.target_m)
     entry = {"set": "room", "source": "a.ply", "target": "b.ply"}
     entry |= {"success_rotation_deg": 1, "success_translation_m": 0.1}
     entry["T_target_source"] = pair.T_target_source.tolist()

@@ -1,38 +1,163 @@
-"""NumPy files: one array of points, or an archive of one."""
+"""NumPy files: an array of points, or an archive with one and perhaps more by the same rows."""
 
 from __future__ import annotations
 
+import math
+import zipfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
-from skipnet.types import FloatArray
+from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.columns import as_colour, cloud_of_columns, columns_of_cloud, find_axes
+from skipnet.clouds.formats.unnamed import name_columns
+from skipnet.storage import replacing
+
+_POINTS = ("points", "points_m", "xyz", "pts", "pos", "positions", "coords", "vertices", "pcd")
+_COLOURS = ("colors", "colours", "color", "colour", "rgb")
+_NORMALS = ("normals", "normal")
+_INTENSITY = ("intensity", "intensities", "reflectance")
+_VIEWPOINT = ("viewpoint_m", "viewpoint")
+_LARGEST_RATIO = 1100
+"""Of what deflate packs; an archive that promises more is not read."""
 
 
-def read_numpy(path: Path) -> FloatArray:
+def read_numpy(path: Path) -> Iterator[Cloud]:
+    """The points of an .npy or .npz file with what stands beside them.
+
+    Raises:
+        ValueError: it is damaged, or no array in it can be points.
+    """
+    if zipfile.is_zipfile(path):
+        yield _cloud_of_archive(_read_archive(path), path)
+        return
+    with open(path, "rb") as file:
+        array = _read_array(file, path.stat().st_size, str(path))
+    yield _cloud_of_array(array, path, {})
+
+
+def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
+    """One array in NumPy's format, whose size is held against the bytes that there are."""
     try:
-        array = np.load(path, allow_pickle=False)
-        if isinstance(array, np.lib.npyio.NpzFile):
-            array = _single_array(array, path)
-    except (ValueError, EOFError, OSError) as error:
-        raise ValueError(f"{path}: truncated or not a NumPy file: {error}") from error
-    except Exception as error:  # zipfile.BadZipFile and friends have no common base
-        raise ValueError(f"{path}: truncated or not a NumPy archive: {error}") from error
+        version = np.lib.format.read_magic(file)
+        read = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, fortran, dtype = read(file)
+    except (ValueError, EOFError, KeyError, OSError, zipfile.BadZipFile) as error:
+        message = " ".join(str(error).split())[:120]
+        raise ValueError(f"{what}: truncated or not a NumPy file: {message}") from error
+    if dtype.hasobject:
+        raise ValueError(f"{what}: holds Python objects, which are never read: expected numbers")
+    bytes_ = math.prod(shape) * dtype.itemsize
+    if bytes_ > available or min(shape, default=0) < 0:
+        raise ValueError(f"{what}: truncated: announces {shape} {dtype}, which it does not hold")
+    try:
+        body = file.read(bytes_)
+    except Exception as error:  # zlib.error, BadZipFile and friends have no common base
+        raise ValueError(f"{what}: damaged: {' '.join(str(error).split())[:120]}") from error
+    if len(body) < bytes_:
+        raise ValueError(f"{what}: truncated: announces {bytes_} bytes and holds {len(body)}")
+    return np.frombuffer(body, dtype).reshape(shape, order="F" if fortran else "C")
+
+
+def _read_archive(path: Path) -> dict[str, np.ndarray]:
+    arrays = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for member in archive.infolist():
+                if not member.filename.endswith(".npy"):
+                    continue
+                if member.file_size > _LARGEST_RATIO * max(member.compress_size, 1):
+                    raise ValueError(f"{path}: damaged: {member.filename} unpacks to too much")
+                with archive.open(member) as file:
+                    name = member.filename.removesuffix(".npy")
+                    arrays[name] = _read_array(file, member.file_size, f"{path}: {name}")
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError) as error:
+        message = " ".join(str(error).split())[:120]
+        raise ValueError(f"{path}: truncated or not a NumPy archive: {message}") from error
+    return arrays
+
+
+def _cloud_of_archive(arrays: dict[str, np.ndarray], path: Path) -> Cloud:
+    name = next((name for name in _POINTS if name in arrays), None)
+    if name is not None:
+        points = arrays.pop(name)
+        return _cloud_of_array(points, path, arrays)
+    columns = {name: array for name, array in arrays.items() if array.ndim == 1}
+    if find_axes(list(columns)) and len({len(array) for array in columns.values()}) == 1:
+        _check_kinds(columns, path)
+        return cloud_of_columns(columns, path)
+    if len(arrays) == 1:
+        return _cloud_of_array(next(iter(arrays.values())), path, {})
+    raise ValueError(
+        f"{path}: holds the arrays {', '.join(arrays)[:120] or '(none)'}: expected one called "
+        "'points'"
+    )
+
+
+def _check_kinds(columns: Mapping[str, np.ndarray], path: Path) -> None:
+    for name, array in columns.items():
+        if array.dtype.kind not in "iufb":
+            raise ValueError(f"{path}: {name} holds {array.dtype}: expected numbers")
+
+
+def _cloud_of_array(array: np.ndarray, path: Path, beside: dict[str, np.ndarray]) -> Cloud:
+    """The cloud of an array of rows, of (H, W, 3) pixels, or of records with named fields."""
+    if array.dtype.names:
+        records = {name: array[name].ravel() for name in array.dtype.names}
+        columns = {name: values for name, values in records.items() if values.dtype.kind in "iuf"}
+        return cloud_of_columns(columns, path)
+    if array.ndim == 3 and array.shape[2] == 3:
+        array = array.reshape(-1, 3)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
         raise ValueError(
             f"{path}: holds {array.dtype} of shape {array.shape}: expected (N, 3) numbers"
         )
-    return array[:, :3].astype(np.float64)
+    table = array.astype(np.float64)
+    names, notes = name_columns(table, path)
+    cloud = cloud_of_columns(dict(zip(names, table.T, strict=True)), path, notes=notes)
+    return _with_what_is_beside(cloud, beside)
 
 
-def _single_array(archive: np.lib.npyio.NpzFile, path: Path) -> np.ndarray:
-    name = (
-        "points"
-        if "points" in archive.files
-        else archive.files[0]
-        if len(archive.files) == 1
-        else None
-    )
-    if name is None:
-        raise ValueError(f"holds the arrays {archive.files}: expected one called 'points'")
-    return archive[name]
+def _with_what_is_beside(cloud: Cloud, beside: dict[str, np.ndarray]) -> Cloud:
+    count = len(cloud)
+    facts: dict[str, object] = {}
+    columns = dict(cloud.columns)
+    for name, array in beside.items():
+        per_point = array.dtype.kind in "iufb" and array.ndim and len(array) == count
+        if per_point and array.shape == (count, 3) and name in _COLOURS:
+            facts["colour"] = as_colour(list(array.T))
+        elif per_point and array.shape == (count, 3) and name in _NORMALS:
+            facts["normals"] = array.astype(np.float64)
+        elif per_point and array.size == count and name in _INTENSITY:
+            facts["intensity"] = array.ravel()
+        elif per_point and array.ndim == 1:
+            columns[name] = array
+        elif name in _VIEWPOINT and array.shape == (3,) and array.dtype.kind in "iuf":
+            facts["viewpoint_m"] = array.astype(np.float64)
+    return Cloud(**{**vars(cloud), "columns": columns, **facts})
+
+
+def write_npy(path: Path, cloud: Cloud) -> None:
+    """Write the points alone, (N, 3) float64, whole or not at all."""
+    points = np.stack([columns_of_cloud(cloud)[axis] for axis in "xyz"], axis=1)
+    with replacing(path) as temporary:
+        np.save(temporary, points)
+
+
+def write_npz(path: Path, cloud: Cloud) -> None:
+    """Write points, colours, normals, intensity, columns and viewpoint, whole or not at all."""
+    arrays = {
+        "points": np.stack([columns_of_cloud(cloud)[axis] for axis in "xyz"], axis=1),
+        "colors": cloud.colour,
+        "normals": cloud.normals,
+        "intensity": cloud.intensity,
+        "viewpoint_m": cloud.viewpoint_m,
+        **cloud.columns,
+    }
+    with replacing(path) as temporary:
+        np.savez(temporary, **{name: array for name, array in arrays.items() if array is not None})  # type: ignore[arg-type]

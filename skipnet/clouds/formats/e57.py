@@ -1,27 +1,233 @@
-"""E57 files, through pye57."""
+"""E57 files, through pye57: each scan with its pose, colours and intensity.
+
+The library believes the record count of the header and leaves the rest of its buffers as they
+were, and nests as deep as the XML does; so points are read a piece at a time and counted, and the
+XML is looked at first.
+Format: ASTM E2807.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import struct
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skipnet.checks import missing_package
-from skipnet.types import FloatArray
+from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.columns import as_colour, stacked
+from skipnet.geometry import make_transform
+from skipnet.storage import replacing
+from skipnet.types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import pye57
+
+RECORDS_AT_ONCE = 1 << 18
+"""Records read in one go."""
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_COLOURS = ("colorRed", "colorGreen", "colorBlue")
+_KINDS = {
+    **dict.fromkeys((*_CARTESIAN, *_SPHERICAL, *_COLOURS, "intensity", "timeStamp"), np.float64),
+    **dict.fromkeys(("rowIndex", "columnIndex", "returnIndex", "returnCount"), np.int32),
+    **dict.fromkeys(("cartesianInvalidState", "sphericalInvalidState"), np.int8),
+}
+_HIDDEN = {*_CARTESIAN, *_SPHERICAL, *_COLOURS, "intensity"}
+_HIDDEN |= {"cartesianInvalidState", "sphericalInvalidState"}
+_CRC_BYTES, _DEEPEST, _LARGEST_XML = 4, 64, 1 << 26
 
 
-def read_e57(path: Path) -> FloatArray:
-    """All scans of the file, in the file's common frame."""
+def read_e57(path: Path) -> Iterator[Cloud]:
+    """The scans of the file, one after the other, in the file's common frame.
+
+    A scan's viewpoint is its pose's place, where it has a pose. Points that the scanner marked as
+    invalid are left out.
+
+    Raises:
+        ValueError: it is damaged or ends before its last point.
+    """
     try:
         import pye57
     except ModuleNotFoundError as error:
         raise missing_package(path, "pye57") from error
-    axes = ("cartesianX", "cartesianY", "cartesianZ")
-    try:
+    _check_xml(path)
+    with _errors_of(path):
         file = pye57.E57(str(path))
-        scans = [
-            file.read_scan(index, ignore_missing_fields=True) for index in range(file.scan_count)
-        ]
-        return np.concatenate([np.stack([scan[axis] for axis in axes], axis=1) for scan in scans])
-    except Exception as error:  # libE57Format has its own exception, raised through pybind11
-        raise ValueError(f"{path}: truncated or not an E57 file: {error}") from error
+    try:
+        for number in range(file.scan_count):
+            with _errors_of(path):
+                cloud = _read_scan(file, number, path)
+            if len(cloud):
+                yield cloud
+    finally:
+        file.close()
+
+
+@contextmanager
+def _errors_of(path: Path) -> Iterator[None]:
+    """libE57Format has its own exception, raised through pybind11."""
+    try:
+        yield
+    except ValueError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise ValueError(f"{path}: damaged: {' '.join(str(error).split())[:160]}") from error
+    except Exception as error:
+        message = " ".join(str(error).split())[:160]
+        raise ValueError(f"{path}: truncated or not an E57 file: {message}") from error
+
+
+def _read_scan(file: pye57.E57, number: int, path: Path) -> Cloud:
+    header = file.get_header(number)
+    fields = [name for name in header.point_fields if name in _KINDS]
+    table = _read_records(file, header, fields, f"{path}: scan {number}")
+    valid = _valid(table, header.point_count)
+    kept = {name: values[valid] for name, values in table.items()}
+    name = header["name"].value() if "name" in header.scan_fields else ""
+    invalid = len(valid) - int(np.count_nonzero(valid))
+    cloud = Cloud(
+        points_m=_places(kept, path),
+        colour=_colour(kept, header),
+        intensity=kept.get("intensity"),
+        columns={name: values for name, values in kept.items() if name not in _HIDDEN},
+        name=f"{path}: {name or f'scan {number}'}" if file.scan_count > 1 else str(path),
+        notes=(f"dropped {invalid:,} invalid of {len(valid):,} points",) if invalid else (),
+    )
+    return _posed(cloud, header, path)
+
+
+def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
+    """The scan in the frame of the file, if it has a pose."""
+    if not header.has_pose():
+        return cloud
+    T_file_scan = make_transform(header.rotation_matrix, header.translation)
+    turn = T_file_scan[:3, :3]
+    if not np.isfinite(T_file_scan).all() or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6):
+        raise ValueError(f"{path}: damaged: the pose of {cloud.name} is no rigid motion")
+    moved = cloud.moved(T_file_scan)
+    is_moved = not np.array_equal(T_file_scan, np.eye(4))
+    place_m = T_file_scan[:3, 3] if is_moved else None
+    return Cloud(**{**vars(moved), "viewpoint_m": place_m})
+
+
+def _read_records(
+    file: pye57.E57, header: Any, fields: list[str], what: str
+) -> dict[str, np.ndarray]:
+    """The columns of a scan; as many as the header announces, or an error."""
+    from pye57 import libe57
+
+    announced = int(header.point_count)
+    capacity = max(1, min(announced, RECORDS_AT_ONCE))
+    arrays = {name: np.zeros(capacity, _KINDS[name]) for name in fields}
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, array in arrays.items():
+        buffers.append(libe57.SourceDestBuffer(file.image_file, name, array, capacity, True, True))
+    pieces: list[dict[str, np.ndarray]] = []
+    reader, present = header.points.reader(buffers), 0
+    while present < announced and (count := reader.read()):
+        pieces.append({name: array[:count].copy() for name, array in arrays.items()})
+        present += count
+    reader.close()
+    if present != announced:
+        raise ValueError(f"{what}: truncated: announces {announced} points, holds {present}")
+    return {
+        name: np.concatenate([piece[name] for piece in pieces]) if pieces else arrays[name][:0]
+        for name in fields
+    }
+
+
+def _valid(table: dict[str, np.ndarray], count: int) -> BoolArray:
+    valid = np.ones(count, bool)
+    for name in ("cartesianInvalidState", "sphericalInvalidState"):
+        if name in table:
+            valid &= table[name] == 0
+    return valid
+
+
+def _places(table: dict[str, np.ndarray], path: Path) -> FloatArray:
+    if all(name in table for name in _CARTESIAN):
+        return stacked([table[name] for name in _CARTESIAN])
+    if not all(name in table for name in _SPHERICAL):
+        raise ValueError(f"{path}: a scan has neither cartesian nor spherical coordinates")
+    range_m, azimuth, elevation = (table[name] for name in _SPHERICAL)
+    across_m = range_m * np.cos(elevation)
+    return stacked(
+        [across_m * np.cos(azimuth), across_m * np.sin(azimuth), range_m * np.sin(elevation)]
+    )
+
+
+def _colour(table: dict[str, np.ndarray], header: Any) -> IntArray | None:
+    if not all(name in table for name in _COLOURS):
+        return None
+    colours = [table[name] for name in _COLOURS]
+    if "colorLimits" not in header.scan_fields:
+        return as_colour(colours)
+    brightest = float(header["colorLimits"]["colorRedMaximum"].value())
+    scaled = stacked(colours) * (255 / brightest if brightest > 0 else 1)
+    return np.clip(np.rint(np.nan_to_num(scaled)), 0, 255).astype(np.uint8)
+
+
+def _check_xml(path: Path) -> None:
+    """Refuse what is no E57 file, is shorter than it says, or nests deeper than any scanner's."""
+    size = os.path.getsize(path)
+    with open(path, "rb") as file:
+        head = file.read(48)
+        if head[:8] != b"ASTM-E57" or len(head) < 48:
+            raise ValueError(f"{path}: truncated or not an E57 file")
+        length, xml_at, xml_bytes, page = struct.unpack_from("<QQQQ", head, 16)
+        fits = length <= size and xml_at + xml_bytes <= size and page == 1024
+        if not fits or xml_bytes > _LARGEST_XML:
+            raise ValueError(f"{path}: truncated or not an E57 file: it is {size} bytes long")
+        file.seek(xml_at)
+        pages = xml_bytes // (page - _CRC_BYTES) + 2
+        body = file.read(pages * page)
+    xml = _without_checksums(body, xml_at % page, page)[:xml_bytes]
+    depth = deepest = 0
+    for tag in re.finditer(rb"<!\[CDATA\[.*?\]\]>|<(/?)[^<>?!][^<>]*?(/?)>", xml, re.DOTALL):
+        if tag[1] is None or tag[2]:
+            continue
+        depth += -1 if tag[1] else 1
+        deepest = max(deepest, depth)
+    if deepest > _DEEPEST:
+        raise ValueError(f"{path}: damaged: its XML nests {deepest} deep")
+
+
+def _without_checksums(body: bytes, into_page: int, page: int) -> bytes:
+    first = page - into_page
+    pieces = [body[:first], *(body[at : at + page] for at in range(first, len(body), page))]
+    return b"".join(piece[:-_CRC_BYTES] if len(piece) >= _CRC_BYTES else b"" for piece in pieces)
+
+
+def write_e57(path: Path, scans: Iterable[Cloud]) -> None:
+    """Write each cloud as a scan of its own, posed at its viewpoint; whole or not at all."""
+    import pye57
+
+    with replacing(path) as temporary:
+        temporary.unlink()
+        file = pye57.E57(str(temporary), mode="w")
+        try:
+            for cloud in scans:
+                place_m = np.zeros(3) if cloud.viewpoint_m is None else cloud.viewpoint_m
+                columns = _scan_columns(cloud, place_m)
+                name = cloud.name.rpartition(": ")[2]
+                file.write_scan_raw(columns, name=Path(name).name, translation=place_m)
+        finally:
+            file.close()
+
+
+def _scan_columns(cloud: Cloud, place_m: FloatArray) -> dict[str, np.ndarray]:
+    local_m = cloud.points_m - place_m
+    columns = {name: np.ascontiguousarray(local_m[:, axis]) for axis, name in enumerate(_CARTESIAN)}
+    if cloud.colour is not None:
+        columns |= {
+            name: np.ascontiguousarray(cloud.colour[:, k]) for k, name in enumerate(_COLOURS)
+        }
+    if cloud.intensity is not None:
+        columns["intensity"] = np.asarray(cloud.intensity, np.float32)
+    return columns

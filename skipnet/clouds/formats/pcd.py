@@ -1,88 +1,273 @@
-"""PCD, the Point Cloud Library's format: ascii by NumPy, the binary encodings by Open3D.
+"""PCD, the Point Cloud Library's format: ascii, binary and compressed.
 
-Open3D only warns about a truncated file, and fills the rest of an ascii one with zeros; so the
-header is read here and what comes back is held against it.
+The reader is our own: Open3D's leaves memory uninitialised where a header promises what the body
+does not hold, reads 8-byte coordinates as zeros and loses the viewpoint.
+Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html, version 0.7.
 """
 
 from __future__ import annotations
 
-import logging
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
-from skipnet.types import FloatArray
+from skipnet.clouds.cloud import Cloud, concatenate
+from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud
+from skipnet.clouds.formats.lzf import LARGEST_RATIO, decompress
+from skipnet.storage import replacing
+from skipnet.types import FloatArray, IntArray
 
-_log = logging.getLogger(__name__)
 _LONGEST_HEADER_LINES = 100
+_ENCODINGS = ("ascii", "binary", "binary_compressed")
+_PACKED = ("rgb", "rgba")
+RECORDS_AT_ONCE = 1 << 18
+"""Records of a binary file read in one go."""
 
 
-def read_pcd(path: Path) -> FloatArray:
-    """The points of a PCD file.
+@dataclass(frozen=True)
+class _Header:
+    names: list[str]
+    kinds: list[str]
+    """NumPy kind of each field."""
+    counts: list[int]
+    """Numbers in each field."""
+    points: int
+    encoding: str
+    viewpoint_m: FloatArray | None
 
-    Args:
-        path: of an ascii, binary or binary_compressed file. Fields other than x, y, z are skipped,
-            and so is the viewpoint.
+    @property
+    def dtype(self) -> np.dtype:
+        """A record as it stands in a binary body; fields called _ are padding."""
+        return np.dtype(
+            [
+                (f"{name} {index}", f"<{kind}", (count,))
+                for index, (name, kind, count) in enumerate(
+                    zip(self.names, self.kinds, self.counts, strict=True)
+                )
+            ]
+        )
 
-    Returns:
-        (N, 3) float64 points. Rows with NaN, which stand for pixels without a return in organised
-        clouds, are dropped; a warning in the log says how many.
+
+def read_pcd(path: Path) -> Iterator[Cloud]:
+    """The points of a PCD file with all its fields of one number each, and its viewpoint.
 
     Raises:
         ValueError: it is not a PCD file, lacks x, y or z, or ends before its last point.
     """
     with open(path, "rb") as file:
         header = _read_header(file, path)
-        announced = int(header["POINTS"][0])
-        points = (
-            _read_ascii(file, header, path)
-            if header["DATA"] == ["ascii"]
-            else _read_by_open3d(path)
-        )
-    if len(points) != announced:
-        raise ValueError(
-            f"{path}: truncated: its header announces {announced} points, it holds {len(points)}"
-        )
-    without_return = np.isnan(points).any(axis=1)
-    if without_return.any():
-        _log.warning("%s: dropped %d of %d rows of NaN", path, without_return.sum(), len(points))
-    return points[~without_return]
+        read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}
+        for fields in read[header.encoding](file, header, path):
+            yield _cloud(fields, header, path)
 
 
-def _read_header(file: BinaryIO, path: Path) -> dict[str, list[str]]:
-    header: dict[str, list[str]] = {}
+def _cloud(fields: list[np.ndarray], header: _Header, path: Path) -> Cloud:
+    table: dict[str, np.ndarray] = {}
+    for name, count, values in zip(header.names, header.counts, fields, strict=True):
+        if name in _PACKED and count == 1 and values.dtype.itemsize == 4:
+            table |= _unpacked(values[:, 0])
+        elif count == 1 and name != "_" and name not in table:
+            table[name] = values[:, 0]
+    return cloud_of_columns(table, path, viewpoint_m=header.viewpoint_m)
+
+
+def _unpacked(values: np.ndarray) -> dict[str, IntArray]:
+    """Red, green and blue of numbers that hold them in their bytes."""
+    bits = np.ascontiguousarray(values).view(np.uint32)
+    shifts = {"red": 16, "green": 8, "blue": 0}
+    return {name: (bits >> shift & 255).astype(np.uint8) for name, shift in shifts.items()}
+
+
+def _read_header(file: BinaryIO, path: Path) -> _Header:
+    lines: dict[str, list[str]] = {}
     for _ in range(_LONGEST_HEADER_LINES):
-        words = file.readline(4096).decode("ascii", "replace").split()
+        words = file.readline(4096).decode("latin-1").split()
         if words and not words[0].startswith("#"):
-            header[words[0].upper()] = words[1:]
-        if "DATA" in header:
+            lines[words[0].upper()] = words[1:]
+        if "DATA" in lines:
             break
-    count = (header.get("POINTS") or [""])[0]
-    if "DATA" not in header or not count.isdigit():
-        raise ValueError(f"{path}: truncated or not a PCD file: its header lacks POINTS or DATA")
-    names = header.get("FIELDS", [])
+    names = [name.lower() for name in lines.get("FIELDS", lines.get("COLUMNS", []))]
+    if "DATA" not in lines or not names:
+        raise ValueError(f"{path}: truncated or not a PCD file: its header lacks FIELDS or DATA")
     if not {"x", "y", "z"} <= set(names):
+        raise ValueError(f"{path}: its FIELDS lack x, y or z: they are {' '.join(names)[:80]}")
+    encoding = " ".join(lines["DATA"]).lower()
+    if encoding not in _ENCODINGS:
         raise ValueError(
-            f"{path}: its FIELDS lack x, y or z: they are {' '.join(names) or 'missing'}"
+            f"{path}: unknown DATA {encoding[:40]!r}: expected one of {', '.join(_ENCODINGS)}"
         )
-    return header
+    counts = _whole_numbers(lines, "COUNT", [1] * len(names), path)
+    return _Header(
+        names, _kinds(lines, names, path), counts, _announced(lines, path), encoding,
+        _viewpoint(lines.get("VIEWPOINT", [])),
+    )  # fmt: skip
 
 
-def _read_ascii(file: BinaryIO, header: dict[str, list[str]], path: Path) -> FloatArray:
-    names = header["FIELDS"]
-    rows = [line for line in file.read().splitlines() if line.strip()]
+def _whole_numbers(
+    lines: dict[str, list[str]], keyword: str, default: list[int], path: Path
+) -> list[int]:
+    words = lines.get(keyword, [str(number) for number in default])
+    if len(words) != len(default) or not all(word.isdecimal() and len(word) < 7 for word in words):
+        raise ValueError(
+            f"{path}: damaged header: expected {len(default)} whole numbers after {keyword}"
+        )
+    numbers = [int(word) for word in words]
+    if 0 in numbers:
+        raise ValueError(f"{path}: damaged header: a 0 after {keyword}")
+    return numbers
+
+
+def _kinds(lines: dict[str, list[str]], names: list[str], path: Path) -> list[str]:
+    sizes = _whole_numbers(lines, "SIZE", [4] * len(names), path)
+    types = [word.lower() for word in lines.get("TYPE", ["F"] * len(names))]
+    kinds = [f"{kind}{size}" for kind, size in zip(types, sizes, strict=False)]
+    known = [f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)] + ["f4", "f8"]
+    if len(types) != len(names) or not set(kinds) <= set(known):
+        raise ValueError(
+            f"{path}: damaged header: TYPE and SIZE are {' '.join(kinds)[:80]}: expected one of "
+            f"{', '.join(known)} for each field"
+        )
+    return kinds
+
+
+def _announced(lines: dict[str, list[str]], path: Path) -> int:
+    """How many points the header promises."""
+    products = []
+    for keywords in (("POINTS",), ("WIDTH", "HEIGHT")):
+        words = [word for keyword in keywords for word in lines.get(keyword, [])]
+        if len(words) == len(keywords) and all(word.isdecimal() for word in words):
+            products.append(int(words[0]) * int(words[-1] if len(words) > 1 else 1))
+    if not products or len(set(products)) > 1:
+        raise ValueError(
+            f"{path}: truncated or not a PCD file: expected POINTS, equal to WIDTH x HEIGHT"
+        )
+    return products[0]
+
+
+def _viewpoint(words: list[str]) -> FloatArray | None:
+    """(3,) the sensor's place; None for zeros, which writers put who know of none."""
     try:
-        widths = [int(count) for count in header.get("COUNT", ["1"] * len(names))]
-        columns = [sum(widths[: names.index(axis)]) for axis in "xyz"]
-        # All columns, so that NumPy notices a last line that was cut short.
-        return np.loadtxt(rows, ndmin=2)[:, columns] if rows else np.empty((0, 3))
-    except (ValueError, IndexError) as error:
-        raise ValueError(f"{path}: truncated or damaged points: {error}") from error
+        place_m = np.array([float(word) for word in words[:3]])
+    except ValueError:
+        return None
+    known = place_m.shape == (3,) and np.isfinite(place_m).all() and place_m.any()
+    return place_m if known else None
 
 
-def _read_by_open3d(path: Path) -> FloatArray:
-    import open3d as o3d
+def _ascii(file: BinaryIO, header: _Header, path: Path) -> Iterator[list[np.ndarray]]:
+    lines = file.read().splitlines()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    _check_count(len(lines), header, path)
+    try:
+        rows = np.loadtxt(lines, ndmin=2, comments=None) if lines else np.empty((0, 0))
+    except ValueError as error:
+        message = " ".join(str(error).split())[:120]
+        raise ValueError(f"{path}: truncated or damaged points: {message}") from error
+    width = sum(header.counts)
+    if len(rows) < header.points or (len(rows) and rows.shape[1] != width):
+        raise ValueError(f"{path}: damaged points: expected {width} numbers in every line")
+    ends = np.cumsum(header.counts)
+    columns = np.split(rows if len(rows) else np.empty((0, width)), ends[:-1], axis=1)
+    yield [_retyped(values, kind) for values, kind in zip(columns, header.kinds, strict=True)]
 
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        return np.asarray(o3d.io.read_point_cloud(path, format="pcd").points).copy()
+
+def _retyped(values: FloatArray, kind: str) -> np.ndarray:
+    """As the field's own kind, where that keeps the values."""
+    limits = None if kind[0] == "f" else np.iinfo(kind)
+    if limits is None:
+        return values.astype(kind) if kind == "f4" and values.shape[1] == 1 else values
+    fits = np.isfinite(values).all() and (
+        values.size == 0 or (values.min() >= limits.min and values.max() <= limits.max)
+    )
+    return values.astype(kind) if fits else values
+
+
+def _check_count(present: int, header: _Header, path: Path) -> None:
+    if present != header.points:
+        raise ValueError(
+            f"{path}: truncated or damaged: its header announces {header.points} points, "
+            f"it holds {present}"
+        )
+
+
+def _left(file: BinaryIO) -> int:
+    return os.fstat(file.fileno()).st_size - file.tell()
+
+
+def _binary(file: BinaryIO, header: _Header, path: Path) -> Iterator[list[np.ndarray]]:
+    dtype = header.dtype
+    if _left(file) < header.points * dtype.itemsize:
+        _check_count(_left(file) // dtype.itemsize, header, path)
+    for start in range(0, header.points, RECORDS_AT_ONCE):
+        wanted = min(RECORDS_AT_ONCE, header.points - start)
+        records = np.frombuffer(file.read(wanted * dtype.itemsize), dtype, wanted)
+        yield [records[name] for name in dtype.names or ()]
+
+
+def _compressed(file: BinaryIO, header: _Header, path: Path) -> Iterator[list[np.ndarray]]:
+    """Bytes packed by LZF; unpacked, one field stands after the other."""
+    dtype = header.dtype
+    sizes = np.frombuffer(file.read(8).ljust(8, b"\0"), "<u4").astype(np.int64)
+    packed, unpacked = int(sizes[0]), int(sizes[1])
+    if packed > _left(file):
+        raise ValueError(f"{path}: truncated: {packed} bytes of points announced")
+    if unpacked != header.points * dtype.itemsize or unpacked > LARGEST_RATIO * packed:
+        raise ValueError(
+            f"{path}: damaged: {packed} bytes cannot hold {header.points} compressed points"
+        )
+    content = decompress(np.frombuffer(file.read(packed), np.uint8), unpacked)
+    if content is None:
+        raise ValueError(f"{path}: damaged: its compressed points cannot be unpacked")
+    fields, start = [], 0
+    for kind, count in zip(header.kinds, header.counts, strict=True):
+        size = header.points * count * np.dtype(kind).itemsize
+        values = content[start : start + size].view(f"<{kind}")
+        fields.append(values.reshape(header.points, count))
+        start += size
+    yield fields
+
+
+def write_pcd(path: Path, clouds: Iterable[Cloud]) -> None:
+    """Write a cloud as a binary PCD file, whole or not at all, coordinates as doubles."""
+    cloud = concatenate(list(clouds))
+    table = columns_of_cloud(cloud)
+    if cloud.colour is not None:
+        red, green, blue = (table.pop(name).astype(np.uint32) for name in ("red", "green", "blue"))
+        table["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
+    if cloud.normals is not None:
+        renamed = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
+        table = {renamed.get(name, name): values for name, values in table.items()}
+    kinds = [
+        values.dtype.str[1:] if values.dtype.kind in "iuf" else "f8" for values in table.values()
+    ]
+    names = [name.replace(" ", "_") for name in table]
+    records = np.empty(
+        len(cloud), [(name, f"<{kind}") for name, kind in zip(names, kinds, strict=True)]
+    )
+    for name, values in zip(names, table.values(), strict=True):
+        records[name] = values
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        file.write(_written_header(names, kinds, cloud))
+        records.tofile(file)
+
+
+def _written_header(names: list[str], kinds: list[str], cloud: Cloud) -> bytes:
+    place = np.zeros(3) if cloud.viewpoint_m is None else cloud.viewpoint_m
+    lines = {
+        "VERSION": "0.7",
+        "FIELDS": " ".join(names),
+        "SIZE": " ".join(kind[1:] for kind in kinds),
+        "TYPE": " ".join(kind[0].upper() for kind in kinds),
+        "COUNT": " ".join("1" for _ in names),
+        "WIDTH": str(len(cloud)),
+        "HEIGHT": "1",
+        "VIEWPOINT": " ".join(f"{coordinate:.9g}" for coordinate in place) + " 1 0 0 0",
+        "POINTS": str(len(cloud)),
+        "DATA": "binary",
+    }
+    return "".join(f"{keyword} {words}\n" for keyword, words in lines.items()).encode()

@@ -1,4 +1,4 @@
-"""PLY, ascii and binary, read straight into NumPy.
+"""PLY, ascii and binary, with whatever columns it has, read straight into NumPy.
 
 The reader is our own because the others do not fit: Open3D takes over a second to import and
 reads a truncated file without an error, plyfile is GPL. A PLY body is a table of records, read by
@@ -8,16 +8,19 @@ Format: G. Turk, "The PLY polygon file format", 1994.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
+from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud
+from skipnet.clouds.formats.lists import read_ascii, read_binary
+from skipnet.clouds.formats.sampling import is_coarse, sample_triangles
 from skipnet.storage import replacing
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import IntArray
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -29,184 +32,178 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+_NAMES = {"f4": "float", "f8": "double", "u1": "uchar", "i1": "char", "u2": "ushort"}
+_NAMES |= {"i2": "short", "u4": "uint", "i4": "int"}
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER_LINES = 1000
-_COLORS = ("red", "green", "blue")
+_FACES = ("vertex_indices", "vertex_index")
 RECORDS_AT_ONCE = 1 << 18
 """Records read or written in one go."""
 
 
 @dataclass
-class _Element:
-    """One element of the header, such as ``vertex``: how many records and of which columns."""
+class Element:
+    """One element of the header, such as ``vertex``: how many records, and of which columns."""
 
     name: str
     count: int
     columns: list[tuple[str, str]] = field(default_factory=list)
-    has_list: bool = False
+    """Name and NumPy kind of each column; of a list, the kind of its entries."""
+    lists: dict[str, str] = field(default_factory=dict)
+    """Of the columns that are lists: the kind of the number of entries."""
 
 
-def read_ply(path: Path) -> Iterator[FloatArray]:
-    """The vertices of a PLY file, chunk by chunk.
-
-    Args:
-        path: of an ascii, little-endian or big-endian PLY file. Other columns and elements
-            are skipped.
-
-    Yields:
-        (n, 3) float64 points; an ascii file's all at once.
+def read_ply(path: Path) -> Iterator[Cloud]:
+    """The vertices of a PLY file, piece by piece; a mesh of few vertices is sampled.
 
     Raises:
         ValueError: it is not a PLY file, has no vertices, or ends before its last vertex.
     """
     with open(path, "rb") as file:
-        format_name, elements = _read_header(file, path)
-        order = _BYTE_ORDERS[format_name]
-        for element in elements:
-            if element.has_list:
-                raise ValueError(f"{path}: lists before or in the vertices are not supported")
-            dtype = np.dtype([(name, order + kind) for name, kind in element.columns])
+        order, elements = _read_header(file, path)
+        names = [element.name for element in elements]
+        if "vertex" not in names:
+            raise ValueError(
+                f"{path}: has no vertices: expected a PLY file with an element 'vertex'"
+            )
+        vertex = elements[names.index("vertex")]
+        mesh = vertex.count and is_coarse(vertex.count) and "face" in names
+        if mesh and elements[names.index("face")].count:
+            yield _sampled(file, elements, order, path)
+            return
+        for element in elements[: names.index("vertex")]:
+            for _ in _pieces(file, element, order, path):
+                pass
+        for table in _pieces(file, vertex, order, path):
+            yield cloud_of_columns(table, path, notes=_notes(vertex))
+
+
+def _notes(vertex: Element) -> tuple[str, ...]:
+    left_out = ", ".join(vertex.lists)
+    return (f"lists of its vertices left out: {left_out}",) if left_out else ()
+
+
+def _sampled(file: BinaryIO, elements: list[Element], order: str, path: Path) -> Cloud:
+    """Points on the faces of a mesh."""
+    vertices, faces = {}, []
+    for element in elements:
+        for table in _pieces(file, element, order, path, keep_lists=element.name == "face"):
             if element.name == "vertex":
-                if format_name == "ascii":
-                    yield _read_ascii(file, element, path)
-                else:
-                    yield from _read_binary(file, element, dtype, path)
-                return
-            if format_name == "ascii":
-                _read_ascii(file, element, path)
-            else:
-                file.seek(element.count * dtype.itemsize, 1)
-    raise ValueError(f"{path}: has no vertices: expected a PLY file with an element 'vertex'")
+                vertices = table
+            elif element.name == "face":
+                faces += _polygons(table, path)
+    cloud = cloud_of_columns(vertices, path)
+    return sample_triangles(cloud, _triangles(faces, len(cloud), path))
 
 
-def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[_Element]]:
-    """The format's name and the elements up to ``vertex``."""
-    if file.readline(16).strip() != b"ply":
+def _polygons(table: Mapping[str, object], path: Path) -> list[IntArray]:
+    name = next((name for name in _FACES if name in table), None)
+    if name is None:
+        raise ValueError(f"{path}: its faces have no list called vertex_indices")
+    return list(table[name])  # type: ignore[call-overload]
+
+
+def _triangles(polygons: list[IntArray], count: int, path: Path) -> IntArray:
+    """(T, 3) fans of polygons."""
+    fans = [
+        [(corners[0], corners[k], corners[k + 1]) for k in range(1, len(corners) - 1)]
+        for corners in polygons
+    ]
+    triangles = np.array([triangle for fan in fans for triangle in fan], np.int64).reshape(-1, 3)
+    if len(triangles) and (triangles.min() < 0 or triangles.max() >= count):
+        raise ValueError(f"{path}: damaged: a face names a vertex that does not exist")
+    return triangles
+
+
+def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
+    """The byte order, "" for ascii, and the elements in their order."""
+    if file.readline(16).strip().lower() != b"ply":
         raise ValueError(f"{path}: not a PLY file: its first line is not 'ply'")
     format_name, elements = "", []
     for _ in range(_LONGEST_HEADER_LINES):
-        words = file.readline(4096).decode("ascii", "replace").split()
-        if words == ["end_header"]:
+        words = file.readline(4096).decode("latin-1").split()
+        keyword = words[0].lower() if words else ""
+        if keyword == "end_header":
             break
-        if words[:1] == ["format"] and len(words) == 3:
-            format_name = words[1]
-        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdigit():
-            elements.append(_Element(words[1], int(words[2])))
-        elif words[:1] == ["property"] and elements:
+        if keyword == "format" and len(words) == 3:
+            format_name = words[1].lower()
+        elif keyword == "element" and len(words) == 3 and words[2].isdecimal():
+            elements.append(Element(words[1].lower(), int(words[2])))
+        elif keyword == "property" and elements:
             _add_property(elements[-1], words, path)
+        elif keyword not in ("", "comment", "obj_info"):
+            raise _unreadable(words, path)
     else:
         raise ValueError(f"{path}: truncated or not a PLY file: its header never ends")
     if format_name not in _BYTE_ORDERS:
         raise ValueError(
-            f"{path}: unknown PLY format {format_name!r}: expected one of {list(_BYTE_ORDERS)}"
+            f"{path}: unknown PLY format {format_name[:40]!r}: expected one of {list(_BYTE_ORDERS)}"
         )
-    return format_name, elements
+    return "" if format_name == "ascii" else _BYTE_ORDERS[format_name], elements
 
 
-def _add_property(element: _Element, words: list[str], path: Path) -> None:
-    if words[1:2] == ["list"]:
-        element.has_list = True
-    elif len(words) == 3 and words[1] in _TYPES:
-        element.columns.append((words[2], _TYPES[words[1]]))
-    else:
-        raise ValueError(f"{path}: cannot read the header line {' '.join(words)!r}")
+def _unreadable(words: list[str], path: Path) -> ValueError:
+    return ValueError(f"{path}: cannot read the header line {' '.join(words)[:80]!r}")
 
 
-def _xyz_columns(element: _Element, path: Path) -> list[int]:
-    names = [name for name, _ in element.columns]
-    if element.name == "vertex" and not {"x", "y", "z"} <= set(names):
-        raise ValueError(
-            f"{path}: its vertices lack x, y or z: they have {', '.join(names) or 'nothing'}"
-        )
-    return [names.index(axis) for axis in "xyz"] if element.name == "vertex" else []
+def _add_property(element: Element, words: list[str], path: Path) -> None:
+    is_list = words[1:2] and words[1].lower() == "list"
+    kinds = [_TYPES.get(word.lower()) for word in (words[2:4] if is_list else words[1:2])]
+    known = {name for name, _ in element.columns}
+    if len(words) != (5 if is_list else 3) or None in kinds or words[-1] in known:
+        raise _unreadable(words, path)
+    element.columns.append((words[-1], str(kinds[-1])))
+    if is_list:
+        element.lists[words[-1]] = str(kinds[0])
 
 
-def _read_binary(
-    file: BinaryIO, element: _Element, dtype: np.dtype, path: Path
-) -> Iterator[FloatArray]:
-    names = [element.columns[column][0] for column in _xyz_columns(element, path)]
-    for start in range(0, element.count, RECORDS_AT_ONCE):
+def _pieces(
+    file: BinaryIO, element: Element, order: str, path: Path, keep_lists: bool = False
+) -> Iterator[dict[str, np.ndarray]]:
+    """The records of an element, a piece at a time; at least one piece."""
+    read = read_binary if order else read_ascii
+    for start in range(0, max(element.count, 1), RECORDS_AT_ONCE):
         wanted = min(RECORDS_AT_ONCE, element.count - start)
-        body = file.read(wanted * dtype.itemsize)
-        if len(body) < wanted * dtype.itemsize:
-            raise _truncated(path, start + len(body) // dtype.itemsize, element)
-        table = np.frombuffer(body, dtype)
-        points = np.empty((wanted, 3))
-        for axis, name in enumerate(names):
-            points[:, axis] = table[name]
-        yield points
+        present, table = read(file, element.columns, element.lists, order, wanted, path)
+        if present < wanted:
+            raise ValueError(
+                f"{path}: truncated: its header announces {element.count} records of "
+                f"{element.name!r}, the file holds {start + present}; copy or export it again"
+            )
+        yield {name: table[name] for name in table if keep_lists or name not in element.lists}
 
 
-def _read_ascii(file: BinaryIO, element: _Element, path: Path) -> FloatArray:
-    columns = _xyz_columns(element, path)
-    lines = list(islice(file, element.count))
-    if len(lines) < element.count:
-        raise _truncated(path, len(lines), element)
-    if not columns or not lines:
-        return np.empty((0, 3))
-    try:
-        return np.loadtxt(lines, usecols=columns, ndmin=2)
-    except (ValueError, IndexError) as error:
-        raise ValueError(f"{path}: truncated or damaged vertices: {error}") from error
+def write_ply(path: Path, clouds: Iterable[Cloud]) -> None:
+    """Write pieces of one cloud as a binary PLY file, whole or not at all, coordinates as doubles.
 
-
-def _truncated(path: Path, present: int, element: _Element) -> ValueError:
-    return ValueError(
-        f"{path}: truncated: its header announces {element.count} records of {element.name!r}, "
-        f"the file holds {present}; copy or export it again"
-    )
-
-
-def write_ply(path: Path | str, points: FloatArray, colors: IntArray | None = None) -> None:
-    """Write a binary PLY file, whole or not at all.
-
-    Args:
-        path: of the file; an existing one is replaced.
-        points: (N, 3) points, written as float64: surveyed coordinates run into millions of metres.
-        colors: (N, 3) red, green, blue in 0..255, or None.
+    All pieces have the columns of the first.
     """
-    starts = range(0, len(points), RECORDS_AT_ONCE)
-    pieces = [slice(start, start + RECORDS_AT_ONCE) for start in starts]
-    points, colors = np.asarray(points), None if colors is None else np.asarray(colors)
-    tables = (
-        _vertices(points[piece], None if colors is None else colors[piece]) for piece in pieces
-    )
-    _write_tables(path, tables, colors is not None)
-
-
-def write_ply_chunks(path: Path | str, chunks: Iterable[FloatArray]) -> None:
-    """As ``write_ply``, for (n, 3) chunks of points that are never in memory all at once."""
-    _write_tables(path, (_vertices(chunk, None) for chunk in chunks), False)
-
-
-def _vertices(points: FloatArray, colors: IntArray | None) -> np.ndarray:
-    """Records as they stand in the file."""
-    table = np.empty(len(points), dtype=_columns(colors is not None))
-    for index, axis in enumerate("xyz"):
-        table[axis] = points[:, index]
-    for index, name in enumerate(_COLORS if colors is not None else ()):
-        table[name] = colors[:, index]  # type: ignore[index]
-    return table
-
-
-def _columns(coloured: bool) -> list[tuple[str, str]]:
-    return [(axis, "<f8") for axis in "xyz"] + [(name, "u1") for name in _COLORS if coloured]
-
-
-def _write_tables(path: Path | str, tables: Iterable[np.ndarray], coloured: bool) -> None:
-    count = 0
+    count, kinds = 0, [(axis, "f8") for axis in "xyz"]
     with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.write(_header(count, coloured))
-        for table in tables:
-            table.tofile(file)
-            count += len(table)
+        for cloud in clouds:
+            table = columns_of_cloud(cloud)
+            if not count:
+                kinds = [(name.replace(" ", "_"), _kind(table[name])) for name in table]
+                file.write(_header(count, kinds))
+            records = np.empty(len(cloud), [(name, f"<{kind}") for name, kind in kinds])
+            for (name, _), values in zip(kinds, table.values(), strict=True):
+                records[name] = values
+            records.tofile(file)
+            count += len(cloud)
         file.seek(0)
-        file.write(_header(count, coloured))
+        file.write(_header(count, kinds))
 
 
-def _header(count: int, coloured: bool) -> bytes:
+def _kind(values: np.ndarray) -> str:
+    """The PLY type that holds an array's values: none of them is 64-bit and whole."""
+    kind = values.dtype.str[1:]
+    if kind in _NAMES:
+        return kind
+    return "u1" if values.dtype.kind == "b" else "f8"
+
+
+def _header(count: int, kinds: list[tuple[str, str]]) -> bytes:
     """The head of a file of ``count`` vertices; always of one length, so it can be written anew."""
-    kinds = {"<f8": "double", "u1": "uchar"}
-    properties = "".join(f"property {kinds[kind]} {name}\n" for name, kind in _columns(coloured))
+    properties = "".join(f"property {_NAMES[kind]} {name}\n" for name, kind in kinds)
     vertices = f"element vertex {count:<12}\n{properties}"
-    return f"ply\nformat binary_little_endian 1.0\n{vertices}end_header\n".encode("ascii")
+    return f"ply\nformat binary_little_endian 1.0\n{vertices}end_header\n".encode()

@@ -1,0 +1,128 @@
+"""The one noun for points with what else is known of them: readers return it, writers take it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+
+import numpy as np
+import numpy.typing as npt
+
+from skipnet.geometry import transform_points
+from skipnet.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points, and per point whatever its file holds."""
+
+    points_m: FloatArray
+    """(N, 3) float64, in the frame of the file, large offsets included: doubles keep a surveyed
+    coordinate to a nanometre."""
+    colour: IntArray | None = None
+    """(N, 3) uint8: red, green, blue."""
+    intensity: FloatArray | None = None
+    """(N,) numbers, of the kind and range that the file has."""
+    normals: FloatArray | None = None
+    """(N, 3) directions."""
+    columns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """(N,) arrays by the names they have in the file: labels, times, returns, ..."""
+    offset_m: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """(3,) a place near the points, from which formats of whole numbers (LAS) count; the points
+    hold it already."""
+    viewpoint_m: FloatArray | None = None
+    """(3,) the sensor's position in the frame of the points, if the file says so."""
+    name: str = ""
+    """What to call it in messages: the file's path, perhaps with the scan's name in it."""
+    unit: str = "m"
+    """Unit of the file's coordinates, a key of ``skipnet.checks.METRES_PER_UNIT``; the points are
+    in metres all the same."""
+    crs: str = ""
+    """The coordinate reference system as the file has it (WKT), or nothing."""
+    notes: tuple[str, ...] = ()
+    """What a reader of the file had to decide: columns taken, rows dropped, a mesh sampled."""
+
+    def __len__(self) -> int:
+        return len(self.points_m)
+
+    def __getitem__(self, rows: IntArray | BoolArray | slice) -> Cloud:
+        """The same cloud with some of its points."""
+        return replace(
+            self,
+            points_m=self.points_m[rows],
+            colour=None if self.colour is None else self.colour[rows],
+            intensity=None if self.intensity is None else self.intensity[rows],
+            normals=None if self.normals is None else self.normals[rows],
+            columns={name: values[rows] for name, values in self.columns.items()},
+        )
+
+    def moved(self, T_new_old: FloatArray) -> Cloud:
+        """The cloud in another frame: points, normals and viewpoint moved by a (4, 4) transform."""
+        rotation = T_new_old[:3, :3]
+        viewpoint_m = self.viewpoint_m
+        if viewpoint_m is not None:
+            viewpoint_m = transform_points(T_new_old, np.array([viewpoint_m], np.float64))[0]
+        return replace(
+            self,
+            points_m=transform_points(T_new_old, self.points_m),
+            normals=None if self.normals is None else self.normals @ rotation.T,
+            viewpoint_m=viewpoint_m,
+        )
+
+    def finite(self) -> Cloud:
+        """Without the rows of NaN or infinity, which stand for beams that met nothing; a note says
+        how many there were."""
+        usable = np.asarray(np.isfinite(self.points_m).all(axis=1))
+        dropped = len(self) - int(np.count_nonzero(usable))
+        if not dropped:
+            return self
+        note = f"dropped {dropped:,} of {len(self):,} rows without a finite place"
+        return replace(self[usable], notes=(*self.notes, note))
+
+    @property
+    def holds(self) -> list[str]:
+        """Names of what there is beside the points."""
+        named = {"colour": self.colour, "intensity": self.intensity, "normals": self.normals}
+        return [*(name for name, values in named.items() if values is not None), *self.columns]
+
+
+def as_cloud(points: npt.ArrayLike | Cloud, name: str = "") -> Cloud:
+    """A Cloud of (N, 3) points; one that is a Cloud already comes back as it is."""
+    if isinstance(points, Cloud):
+        return points
+    return Cloud(np.asarray(points, np.float64), name=name)
+
+
+def concatenate(clouds: Sequence[Cloud]) -> Cloud:
+    """One cloud of all, with what all of them have; facts on which they differ are left out."""
+    if len(clouds) == 1:
+        return clouds[0]
+    first = clouds[0]
+    shared = reduce(lambda known, cloud: known & set(cloud.columns), clouds, set(first.columns))
+    same_place = all(_same(first.viewpoint_m, cloud.viewpoint_m) for cloud in clouds)
+    notes = dict.fromkeys(note for cloud in clouds for note in cloud.notes)
+    return replace(
+        first,
+        points_m=np.concatenate([cloud.points_m for cloud in clouds]),
+        colour=_joined([cloud.colour for cloud in clouds]),
+        intensity=_joined([cloud.intensity for cloud in clouds]),
+        normals=_joined([cloud.normals for cloud in clouds]),
+        columns={
+            name: np.concatenate([cloud.columns[name] for cloud in clouds])
+            for name in first.columns
+            if name in shared
+        },
+        viewpoint_m=first.viewpoint_m if same_place else None,
+        crs=first.crs if all(cloud.crs == first.crs for cloud in clouds) else "",
+        notes=tuple(notes),
+    )
+
+
+def _joined(arrays: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    present = [array for array in arrays if array is not None]
+    return np.concatenate(present) if len(present) == len(arrays) else None
+
+
+def _same(one: FloatArray | None, other: FloatArray | None) -> bool:
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))

@@ -1,0 +1,98 @@
+"""PTX, Leica's text format: scans as grids of beams, each with its scanner's place and pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from skipnet.clouds.cloud import Cloud
+from skipnet.types import FloatArray
+
+LINES_AT_ONCE = 1 << 18
+"""Lines parsed in one go."""
+_HEADER_LINES = 10
+
+
+def read_ptx(path: Path) -> Iterator[Cloud]:
+    """The scans of the file, one after the other, in the file's common frame.
+
+    A beam that met nothing is a row of zeros and left out.
+
+    Raises:
+        ValueError: it is no PTX file or ends before its last beam.
+    """
+    with open(path, encoding="latin-1") as file:
+        number = 0
+        while header := list(islice(file, _HEADER_LINES)):
+            if not "".join(header).strip():
+                break
+            beams, T_file_scan = _read_header(header, path)
+            cloud = _read_scan(file, beams, f"{path}: scan {number}")
+            moved = cloud.moved(T_file_scan)
+            is_moved = not np.array_equal(T_file_scan, np.eye(4))
+            viewpoint_m = T_file_scan[:3, 3] if is_moved else None
+            if len(moved):
+                yield Cloud(**{**vars(moved), "viewpoint_m": viewpoint_m})
+            number += 1
+    if not number:
+        raise ValueError(f"{path}: holds no points")
+
+
+def _read_header(lines: list[str], path: Path) -> tuple[int, FloatArray]:
+    """The number of beams and the (4, 4) pose of the scan in the file's frame."""
+    rows = []
+    for line in lines:
+        try:
+            rows.append([float(word) for word in line.split()])
+        except ValueError:
+            break
+    if [len(row) for row in rows] != [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]:
+        raise ValueError(
+            f"{path}: truncated or not a PTX file: expected columns, rows, four lines of 3 numbers "
+            "and four of 4 before the points"
+        )
+    columns, lines_of_beams = rows[0][0], rows[1][0]
+    T_file_scan = np.array(rows[6:]).T
+    turn = T_file_scan[:3, :3]
+    if not np.isfinite(T_file_scan).all() or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
+        raise ValueError(f"{path}: damaged: the transform of a scan is no rigid motion")
+    beams = columns * lines_of_beams
+    if not (beams == int(beams) and 0 <= beams < 2**40):
+        raise ValueError(f"{path}: damaged: a scan of {columns:g} x {lines_of_beams:g} beams")
+    return int(beams), T_file_scan
+
+
+def _read_scan(file: TextIO, beams: int, name: str) -> Cloud:
+    pieces: list[FloatArray] = []
+    present = 0
+    while present < beams:
+        lines = list(islice(file, min(LINES_AT_ONCE, beams - present)))
+        if not lines:
+            raise ValueError(f"{name}: truncated: announces {beams} beams, holds {present}")
+        table = _parse(lines, name)
+        present += len(table)
+        pieces.append(table[(table[:, :3] != 0).any(axis=1)])
+    table = np.concatenate(pieces) if pieces else np.empty((0, 4))
+    empty = beams - len(table)
+    return Cloud(
+        points_m=np.ascontiguousarray(table[:, :3]),
+        intensity=table[:, 3],
+        colour=np.clip(table[:, 4:7], 0, 255).astype(np.uint8) if table.shape[1] == 7 else None,
+        name=name,
+        notes=(f"left out {empty:,} of {beams:,} beams that met nothing",) if empty else (),
+    )
+
+
+def _parse(lines: list[str], name: str) -> FloatArray:
+    try:
+        table = np.loadtxt(lines, ndmin=2, comments=None)
+    except ValueError as error:
+        message = " ".join(str(error).split(";")[0].split())[:120]
+        raise ValueError(f"{name}: truncated or damaged: {message}") from error
+    if table.shape[1] not in (4, 7) or len(table) < len(lines):
+        raise ValueError(f"{name}: expected lines of x y z intensity, perhaps red green blue")
+    return table

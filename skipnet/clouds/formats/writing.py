@@ -1,0 +1,102 @@
+"""Writing clouds in the format that a file's extension names."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from skipnet.clouds.cloud import Cloud, as_cloud, concatenate
+from skipnet.clouds.formats.arrays import write_npy, write_npz
+from skipnet.clouds.formats.columns import columns_of_cloud
+from skipnet.clouds.formats.e57 import write_e57
+from skipnet.clouds.formats.las import write_las
+from skipnet.clouds.formats.pcd import write_pcd
+from skipnet.clouds.formats.ply import write_ply
+from skipnet.storage import replacing
+
+
+def write_cloud(
+    path: str | os.PathLike[str], cloud: Cloud | npt.ArrayLike | Iterator[Cloud]
+) -> None:
+    """Write a cloud, whole or not at all; an existing file is replaced.
+
+    Coordinates are written in the cloud's unit (E57: metres), as doubles where the format has
+    them, with colours, intensities, normals and columns where it has room for them.
+
+    Args:
+        path: its extension names the format, one of ``WRITABLE``.
+        cloud: to write; (N, 3) points; or an iterator over pieces of one cloud, which PLY and text
+            write without holding all of them.
+
+    Raises:
+        ValueError: there is no writer for the extension.
+    """
+    pieces = cloud if isinstance(cloud, Iterator) else iter([as_cloud(cloud)])
+    _writer(path)(Path(path), pieces)
+
+
+def write_scans(path: str | os.PathLike[str], scans: Iterable[Cloud]) -> None:
+    """Write scans that are in one frame: E57 keeps them apart, other formats as one cloud."""
+    scans = list(scans)
+    _writer(path)(
+        Path(path), scans if Path(path).suffix.lower() == ".e57" else [concatenate(scans)]
+    )
+
+
+def writable(path: str | os.PathLike[str]) -> bool:
+    """Whether there is a writer for a file of this name."""
+    return Path(path).suffix.lower() in _WRITERS
+
+
+def _writer(path: str | os.PathLike[str]) -> Callable[[Path, Iterable[Cloud]], None]:
+    extension = Path(path).suffix.lower()
+    if extension not in _WRITERS:
+        raise ValueError(
+            f"{path}: cannot write {extension or '(no extension)'!r}: "
+            f"expected one of {', '.join(WRITABLE)}"
+        )
+    return _WRITERS[extension]
+
+
+def _whole(write: Callable[[Path, Cloud], None]) -> Callable[[Path, Iterable[Cloud]], None]:
+    """A writer of pieces from one of whole clouds."""
+
+    def write_in_one_piece(path: Path, clouds: Iterable[Cloud]) -> None:
+        """All pieces at once."""
+        write(path, concatenate(list(clouds)))
+
+    return write_in_one_piece
+
+
+def _write_text(path: Path, clouds: Iterable[Cloud], delimiter: str) -> None:
+    """A header with the names of the columns, then a point per line, to 10 micrometres."""
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
+        for number, cloud in enumerate(clouds):
+            table = columns_of_cloud(cloud)
+            if number == 0:
+                names = [name.replace(" ", "_") for name in table]
+                if cloud.unit != "m":
+                    names[:3] = [f"{axis}_{cloud.unit}" for axis in "xyz"]
+                start = "" if delimiter == "," else "//"
+                file.write(start + delimiter.join(names) + "\n")
+            formats = ["%.5f" if name in table and name in "xyz" else "%.9g" for name in table]
+            np.savetxt(file, np.column_stack(list(table.values())), formats, delimiter)
+
+
+_WRITERS: dict[str, Callable[[Path, Iterable[Cloud]], None]] = {
+    ".ply": write_ply,
+    ".pcd": write_pcd,
+    **dict.fromkeys((".las", ".laz"), write_las),
+    ".e57": write_e57,
+    **dict.fromkeys((".xyz", ".txt", ".asc"), partial(_write_text, delimiter=" ")),
+    ".csv": partial(_write_text, delimiter=","),
+    ".npy": _whole(write_npy),
+    ".npz": _whole(write_npz),
+}
+WRITABLE = tuple(_WRITERS)
+"""Every extension that ``write_cloud`` knows."""

@@ -1,0 +1,144 @@
+"""The scans that a run was given as files: read, checked and described."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.reading import SUPPORTED, read_chunks, read_cloud, read_scans
+from skipnet.scans.scan import Viewpoint, checked
+from skipnet.skipmap.streaming import thin_chunks
+from skipnet.skipmap.tree import Points, SkipTree
+
+LARGE_FILE_BYTES = 1 << 28
+"""Larger files are thinned while they are read, and are never in memory as a whole."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """One scan of a run."""
+
+    path: Path
+    points_m: Points
+    """All points, or the voxels that a large file is read into."""
+    cloud: Cloud
+    """The scan as it was read; of a large file its first piece, for what it says of the others."""
+    unit: str = "auto"
+
+    @property
+    def is_large(self) -> bool:
+        """Whether ``points_m`` stands for more than is in memory."""
+        return isinstance(self.points_m, SkipTree)
+
+    def pieces(self) -> Iterator[Cloud]:
+        """The whole scan; a large file is read again, so that every point of it comes."""
+        if not self.is_large:
+            return iter([self.cloud])
+        return (piece.finite() for piece in read_chunks(self.path, self.unit))
+
+    def viewpoint(self, chosen: Viewpoint) -> Viewpoint:
+        """The sensor's position: the chosen one; for "auto" the file's, if it has one."""
+        known = isinstance(chosen, str) and self.cloud.viewpoint_m is not None
+        return self.cloud.viewpoint_m if known else chosen
+
+    @property
+    def description(self) -> str:
+        """What was read, for a person."""
+        return "; ".join([f"{self.cloud.name}: {self._size}", *self.facts])
+
+    @property
+    def facts(self) -> list[str]:
+        """What the file said, and what had to be decided."""
+        cloud = self.cloud
+        facts = [f"with {', '.join(cloud.holds)}"] if cloud.holds else []
+        if cloud.viewpoint_m is not None:
+            place = ", ".join(f"{coordinate:.3f}" for coordinate in cloud.viewpoint_m)
+            facts.append(f"taken from ({place}) as the file says")
+        if cloud.unit != "m":
+            facts.append(f"in {cloud.unit}, converted to metres")
+        return [*facts, *cloud.notes]
+
+    @property
+    def _size(self) -> str:
+        if isinstance(self.points_m, SkipTree):
+            count = self.points_m.moments.count.sum()
+            return f"{count:,.0f} points, read into {len(self.points_m):,} voxels"
+        return f"{len(self.cloud):,} points"
+
+
+def read_given(path: Path, unit: str = "auto") -> Given:
+    """Read one file as one scan.
+
+    Raises:
+        FileNotFoundError: it is missing.
+        ValueError: it is no point cloud.
+    """
+    if _is_large(path):
+        first = next(read_chunks(path, unit)).finite()
+        chunks = (piece.finite().points_m for piece in read_chunks(path, unit))
+        return Given(path, checked(thin_chunks(chunks, str(path)), str(path)), first, unit)
+    cloud = read_cloud(path, unit)
+    return Given(path, checked(cloud.points_m, str(path)), cloud, unit)
+
+
+def read_given_scans(paths: Sequence[Path], unit: str = "auto") -> list[Given]:
+    """Read files as scans: one each, or the several that an E57 or a PTX file holds.
+
+    Raises:
+        FileNotFoundError: one is missing.
+        ValueError: one is no point cloud, or there is only one scan.
+    """
+    given = []
+    for path in paths:
+        if _is_large(path):
+            given.append(read_given(path, unit))
+            continue
+        scans = read_scans(path, unit)
+        given += [Given(path, checked(scan.points_m, scan.name), scan, unit) for scan in scans]
+    if len(given) < 2:
+        raise ValueError(f"{paths[0]}: holds one scan: expected two or more, or several files")
+    return given
+
+
+def find_scans(names: Sequence[str]) -> list[Path]:
+    """The files that are meant: files, patterns such as ``scans/*.ply``, and what folders hold.
+
+    Raises:
+        FileNotFoundError: nothing is there.
+    """
+    found: list[Path] = []
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            inside = sorted(path.iterdir())
+            here = [file for file in inside if file.suffix.lower() in SUPPORTED and file.is_file()]
+        elif path.exists():
+            here = [path]
+        else:
+            anchor = Path(path.anchor) if path.is_absolute() else Path()
+            pattern = str(path.relative_to(path.anchor)) if path.is_absolute() else name
+            here = sorted(anchor.glob(pattern)) if any(mark in name for mark in "*?[") else []
+        if not here:
+            raise FileNotFoundError(f"{name}: no such file, or a folder without scans")
+        found += here
+    return found
+
+
+def check_not_overwritten(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]) -> None:
+    """Refuse inputs that the results would replace.
+
+    Raises:
+        ValueError: one would be.
+    """
+    written = {(output_dir / name).resolve() for name in outputs}
+    for path in paths:
+        if path.resolve() in written:
+            raise ValueError(
+                f"{path}: would be overwritten by the results: choose another output_dir"
+            )
+
+
+def _is_large(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size > LARGE_FILE_BYTES

@@ -1,0 +1,58 @@
+"""What a caller may give as a scan: points, a Cloud, a file, what other libraries hold."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.reading import read_cloud
+from skipnet.scans.scan import Viewpoint, check_viewpoint, checked
+from skipnet.skipmap.tree import Points, SkipTree
+from skipnet.types import FloatArray
+
+ScanLike = npt.ArrayLike | Cloud | SkipTree | str | os.PathLike[str]
+"""(N, 3) numbers or more columns; a Cloud; voxels; a file's path; a torch tensor, a point cloud of
+Open3D or laspy."""
+
+
+def taken(scan: ScanLike, viewpoint: Viewpoint, name: str, option: str) -> tuple[Points, Viewpoint]:
+    """The checked points of what was given, and the sensor's position.
+
+    Args:
+        scan: see ``ScanLike``. Of an array with more columns the first three are x, y, z.
+        viewpoint: as ``skipnet.register`` takes it; for "auto" a file's or a Cloud's own viewpoint
+            is taken, where it has one.
+        name: what to call the scan in the errors, such as "source".
+        option: what to call the viewpoint there.
+
+    Raises:
+        ValueError: it is no cloud of finite points, or no file of one.
+        FileNotFoundError: there is no such file.
+    """
+    check_viewpoint(viewpoint, option)
+    if isinstance(scan, SkipTree):
+        return checked(scan, name), viewpoint
+    if isinstance(scan, str | os.PathLike):
+        scan = read_cloud(scan)
+        name = f"{name} ({scan.name})"
+    if isinstance(scan, Cloud):
+        known = scan.viewpoint_m is not None and isinstance(viewpoint, str)
+        return checked(scan.points_m, name), scan.viewpoint_m if known else viewpoint
+    return checked(_places(scan), name), viewpoint
+
+
+def _places(points: Any) -> FloatArray:
+    """(N, 3) of an array-like, of the tensors and clouds of other libraries."""
+    if hasattr(points, "xyz"):  # laspy
+        points = points.xyz
+    elif hasattr(points, "points"):  # Open3D
+        points = points.points
+    elif hasattr(points, "detach"):  # torch
+        points = points.detach().cpu()
+    array = np.asarray(points)
+    wider = array.ndim == 2 and 3 < array.shape[1] < array.shape[0]
+    return array[:, :3] if wider else array
