@@ -6,6 +6,7 @@ import importlib
 from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 METRES_PER_UNIT = {"m": 1.0, "mm": 0.001, "cm": 0.01, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
 """The units of length that files may be in."""
@@ -21,6 +22,19 @@ def require(condition: bool, option: str, value: object, expected: str) -> None:
     """
     if not condition:
         raise ValueError(f"{option}={value}: expected {expected}")
+
+
+def find_object(option: str, path: str) -> Any:
+    """What a dotted path leads to, a function or a class of any package that can be imported.
+
+    >>> find_object("make", "math.hypot")(3, 4)
+    5.0
+    """
+    module, _, name = path.rpartition(".")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"{option}={path}: expected package.module.name ({error})") from error
 
 
 def check_known(option: str, given: str, known: tuple[str, ...]) -> None:

@@ -9,26 +9,8 @@ from typing import Any
 from skipnet.checks import require
 from skipnet.networks.names import weights_file
 
-
-class DatasetKind(Enum):
-    """Where the pairs of a benchmark come from; all but the first two read a folder."""
-
-    simulated = "simulated"
-    overlapping = "overlapping"
-    """Simulated too, with an overlap that is chosen: most of the pairs have 10 to 30 %."""
-    folder = "folder"
-    """Any folder with a pairs.json."""
-    threedmatch = "threedmatch"
-    threedlomatch = "threedlomatch"
-    kitti = "kitti"
-    eth = "eth"
-    """Gazebo and wood, as 3DSmoothNet ships them."""
-    asl = "asl"
-    """ASL's own csv files."""
-    redwood = "redwood"
-    whu_tls = "whu_tls"
-    scans = "scans"
-    """Scans beside their poses, as in RESSO."""
+MISSING: Any = "???"
+"""OmegaConf's mark of an option that must be given."""
 
 
 class ProtocolKind(Enum):
@@ -49,42 +31,19 @@ class ProtocolKind(Enum):
 
 
 @dataclass
-class VariantConfig:
-    """One method of a benchmark: an adapter with its options."""
+class MethodConfig:
+    """One method of a benchmark: a function that builds it, with its options."""
 
-    adapter: str = "skipnet"
-    """skipnet, icp, open3d (FPFH + RANSAC or FGR), matching (descriptors + SC2-PCR), kiss_matcher
-    or small_gicp."""
+    make: str = MISSING
+    """Dotted path of that function: skipnet.benchmark.methods.NAME.make, or one of your own."""
     label: str = ""
     """Its name in tables and figures; empty takes the key under which it stands."""
     group: str = ""
-    """Variants with a group in common get one more row: on each set the best of them."""
+    """Methods with a group in common get one more row: on each set the best of them."""
     start_from: str = ""
     """For local methods: start at this one's coarse pose; empty starts at identity."""
     options: dict[str, Any] = field(default_factory=dict)
-    """Options of the adapter; of skipnet: any field of the registration's config."""
-
-
-def standard_variants() -> dict[str, VariantConfig]:
-    """The methods every benchmark knows; ``methods=[...]`` chooses among them."""
-    return {
-        "skipnet": VariantConfig("skipnet", "skipnet"),
-        "icp": VariantConfig("icp", "ICP directly"),
-        "icp_plane": VariantConfig("icp", "ICP to planes directly", options={"to_planes": True}),
-        # Unlimited, what only one scan saw pulls even a right pose off by 0.2 m: a fair reach.
-        "icp_from_coarse": VariantConfig(
-            "icp", "ICP from our coarse pose", start_from="skipnet", options={"max_distance_m": 0.1}
-        ),
-        "fpfh_ransac": VariantConfig("open3d", "FPFH + RANSAC + ICP"),
-        "fgr": VariantConfig("open3d", "FPFH + FGR + ICP", options={"search": "fgr"}),
-        "fpfh_sc2": VariantConfig("matching", "FPFH + SC2-PCR + ICP"),
-        "learned_sc2": VariantConfig(
-            "matching", "our descriptor + SC2-PCR + ICP", options={"descriptor": "learned"}
-        ),
-        "kiss_matcher": VariantConfig("kiss_matcher", "KISS-Matcher + GICP"),
-        "kiss_alone": VariantConfig("kiss_matcher", "KISS-Matcher", options={"fine": False}),
-        "small_gicp": VariantConfig("small_gicp", "GICP directly"),
-    }
+    """What the function takes; that of skipnet takes any field of the registration's config."""
 
 
 @dataclass
@@ -139,8 +98,9 @@ class EvaluateConfig:
 
     benchmark: str = "paper"
     """Name of the benchmark: a file in configs/benchmark."""
-    dataset: DatasetKind = DatasetKind.simulated
-    """Simulated scenes, or the layout of a folder of real scans."""
+    dataset: str = "skipnet.benchmark.datasets.simulated.Simulated"
+    """Where the pairs come from; dataset=NAME takes configs/dataset/NAME.yaml, which gives here the
+    dotted path of what makes a ``Dataset`` of these options."""
     protocol: ProtocolKind | None = None
     """Rule by which a pose counts as right; null takes the data set's own."""
     seed: int = 0
@@ -168,10 +128,8 @@ class EvaluateConfig:
     """Folder: then shift it by this length in a random direction, away from its viewpoint."""
     disturbances: list[DisturbanceConfig] = field(default_factory=list)
     """Each pair once with each of them; empty leaves the pairs alone."""
-    methods: list[str] = field(default_factory=lambda: ["skipnet", "icp", "icp_from_coarse"])
-    """Methods to run, in this order; each is a key of variants."""
-    variants: dict[str, VariantConfig] = field(default_factory=standard_variants)
-    """Every method that can be chosen."""
+    methods: dict[str, MethodConfig] = field(default_factory=dict)
+    """What is compared, in this order; methods=[NAME,NAME] takes configs/methods/NAME.yaml."""
     weights: str | None = None
     """A network, by name or file of train.py: adds matching on it, and on the shipped one, to the
     methods."""
@@ -210,17 +168,17 @@ class EvaluateConfig:
 
     def _add_weights(self, weights: str) -> None:
         weights_file(weights, "weights")
-        options = {"descriptor": "learned", "weights": weights}
+        make, learned = "skipnet.benchmark.methods.matching.make", {"descriptor": "learned"}
+        shipped = MethodConfig(make, "our descriptor + SC2-PCR + ICP", options={**learned})
+        options = {**learned, "weights": weights}
+        self.methods.setdefault("learned_sc2", shipped)
         label = f"{weights} + SC2-PCR + ICP"
-        self.variants["other_weights"] = VariantConfig("matching", label, options=options)
-        both = ("learned_sc2", "other_weights")
-        self.methods += [name for name in both if name not in self.methods]
+        self.methods["other_weights"] = MethodConfig(make, label, options=options)
 
     def _check_methods(self) -> None:
-        require(bool(self.methods), "methods", self.methods, "at least one method")
-        for index, name in enumerate(self.methods):
-            if name not in self.variants:
-                raise ValueError(f"unknown method {name!r}: choose from {', '.join(self.variants)}")
-            start = self.variants[name].start_from
-            if start and start not in self.methods[:index]:
+        before: list[str] = []
+        for name, method in self.methods.items():
+            start = method.start_from
+            if start and start not in before:
                 raise ValueError(f"{name} starts from {start}: put {start} before it in methods")
+            before.append(name)

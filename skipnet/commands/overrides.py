@@ -61,9 +61,9 @@ def _check_key(key: str, schema: type, config_dir: Path) -> None:
 
 
 def _check_choice(group: str, value: str, config_dir: Path) -> None:
-    """Refuse a preset that a config group does not have; sweeps name several, split by commas."""
+    """Refuse a preset that a config group does not have; lists and sweeps name several."""
     choices = sorted(file.stem for file in (config_dir / group).glob("*.yaml"))
-    for choice in value.split(","):
+    for choice in value.strip("[]").split(","):
         if choice not in choices:
             raise ValueError(f"no such choice: {group}={choice}; choose from {', '.join(choices)}")
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from skipnet.benchmark.datasets import folder_pairs
+from skipnet.benchmark.datasets.listed import FOLDER
 from skipnet.geometry import invert
 from skipnet.metrics.correspondences import (
     Match,
@@ -81,7 +81,7 @@ def _with_sides(scan: Scan) -> SkipMap:
 def run(config: InliersConfig) -> dict[str, Any]:
     """Compare networks on a folder's pairs and report; the summary comes back."""
     networks = {"skipnet": find_network()} | {name: find_network(name) for name in config.networks}
-    pairs = folder_pairs(config.data, config.sets, seed=config.seed)
+    pairs = FOLDER.pairs(config.data, config.sets, seed=config.seed)
     matches = compare(pairs, networks)
     return report(
         config,

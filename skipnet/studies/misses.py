@@ -17,8 +17,8 @@ import numpy as np
 
 from skipnet.benchmark.options import EvaluateConfig
 from skipnet.benchmark.reporting.pages import ReportFigure
-from skipnet.benchmark.running.contestants import make_pair_set, protocol_of
 from skipnet.benchmark.running.runner import PREDICTIONS_FILE
+from skipnet.benchmark.running.setup import make_pair_set, protocol_of
 from skipnet.benchmark.scoring.predictions import Prediction, read_predictions
 from skipnet.benchmark.scoring.protocols import right_by_rule
 from skipnet.geometry import invert, transform_points

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from skipnet.benchmark.datasets import PairSet, folder_pairs, simulated_pairs
 from skipnet.benchmark.datasets.disturbed import disturb, disturbed_pairs
+from skipnet.benchmark.datasets.listed import FOLDER
+from skipnet.benchmark.datasets.pairset import PairSet
+from skipnet.benchmark.datasets.simulated import simulated_pairs
 from skipnet.benchmark.options import DisturbanceConfig
 from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import invert, make_transform, rotation_angle_rad, transform_points
@@ -48,7 +50,7 @@ def folder(tmp_path, truth):
     ("turn", "shift_m"), [(False, 0.0), (True, 0.0), (True, 3.0), (False, 3.0)]
 )
 def test_truth_follows_the_moved_source(folder, truth, turn, shift_m):
-    pair = folder_pairs(folder, turn=turn, shift_m=shift_m, seed=5).load(0)
+    pair = FOLDER.pairs(folder, turn=turn, shift_m=shift_m, seed=5).load(0)
     aligned_m = transform_points(pair.T_target_source, pair.source_m)
     assert aligned_m == pytest.approx(pair.target_m, abs=1e-5)
     motion = invert(truth) @ pair.T_target_source
@@ -57,15 +59,15 @@ def test_truth_follows_the_moved_source(folder, truth, turn, shift_m):
 
 
 def test_turn_depends_on_seed_and_pair_alone(folder):
-    everything = folder_pairs(folder, seed=3)
-    attic = folder_pairs(folder, sets=["attic"], seed=3)
+    everything = FOLDER.pairs(folder, seed=3)
+    attic = FOLDER.pairs(folder, sets=["attic"], seed=3)
     np.testing.assert_array_equal(everything.load(1).source_m, attic.load(0).source_m)
-    turns = [everything.load(0), everything.load(1), folder_pairs(folder, seed=4).load(0)]
+    turns = [everything.load(0), everything.load(1), FOLDER.pairs(folder, seed=4).load(0)]
     assert len({pair.T_target_source.tobytes() for pair in turns}) == 3
 
 
 def test_thresholds_and_names_come_from_the_file(folder):
-    pairs = folder_pairs(folder)
+    pairs = FOLDER.pairs(folder)
     assert pairs.names == ("hall/source-to-target", "attic/source-to-target")
     pair = pairs.load(1)
     assert (pair.set_name, pair.overlap, pair.success_translation_m) == ("attic", 0.7, 0.1)
@@ -83,19 +85,19 @@ def test_simulated_pairs_are_named_by_their_seed():
 
 def test_missing_folder_says_which_option_names_it(tmp_path):
     with pytest.raises(FileNotFoundError, match="data=FOLDER"):
-        folder_pairs(tmp_path / "nowhere")
+        FOLDER.pairs(tmp_path / "nowhere")
 
 
 def test_unknown_set_lists_the_known_ones(folder):
     with pytest.raises(ValueError, match="sets=cellar: .*expected one of hall, attic"):
-        folder_pairs(folder, sets=["cellar"])
+        FOLDER.pairs(folder, sets=["cellar"])
 
 
 @pytest.mark.parametrize("text", ["not json", "[]", "{}", '{"pairs": []}', '{"pairs": 3}'])
 def test_broken_pairs_file_is_refused(tmp_path, text):
     (tmp_path / "pairs.json").write_text(text)
     with pytest.raises(ValueError, match="pairs"):
-        folder_pairs(tmp_path)
+        FOLDER.pairs(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +119,7 @@ def test_an_entry_that_makes_no_sense_is_refused_before_anything_runs(folder, fi
     listed["pairs"][1][field] = value
     path.write_text(json.dumps(listed))
     with pytest.raises(ValueError, match="pairs.json, entry 1: "):
-        folder_pairs(folder)
+        FOLDER.pairs(folder)
 
 
 @pytest.mark.parametrize("entry", [{"set": "hall"}, "hall", None])
@@ -125,7 +127,7 @@ def test_what_is_no_entry_is_named_by_its_number(folder, entry):
     path = folder / "pairs.json"
     path.write_text(json.dumps({"pairs": [entry]}))
     with pytest.raises(ValueError, match="pairs.json, entry 0: "):
-        folder_pairs(folder)
+        FOLDER.pairs(folder)
 
 
 def test_repeated_names_are_refused():
@@ -192,7 +194,7 @@ def test_cropping_cuts_both_scans_from_opposite_sides(square):
 
 def test_every_pair_meets_every_condition_and_the_same_draws_each_time(folder):
     conditions = [DisturbanceConfig(), DisturbanceConfig("noisy", noise_m=0.1)]
-    pairs = disturbed_pairs(folder_pairs(folder), conditions)
+    pairs = disturbed_pairs(FOLDER.pairs(folder), conditions)
     assert pairs.names[0] == "hall/source-to-target, as scanned"
     assert [pair.set_name for pair in pairs] == [
         "hall, as scanned", "attic, as scanned", "hall, noisy", "attic, noisy"

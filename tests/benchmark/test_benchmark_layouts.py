@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from skipnet.benchmark.datasets import DATASETS, folder_pairs
-from skipnet.benchmark.datasets.kitti import pairs_apart, read_scan, refine_truth
-from skipnet.benchmark.options import DatasetKind
+from skipnet.benchmark.datasets.fragments import ETH, REDWOOD, THREEDLOMATCH, THREEDMATCH
+from skipnet.benchmark.datasets.kitti import KITTI, pairs_apart, read_scan, refine_truth
+from skipnet.benchmark.datasets.listed import FOLDER
+from skipnet.benchmark.datasets.stations import ASL, SCANS, WHU_TLS
 from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import invert, make_transform, pose_error, transform_points
 from skipnet.types import Pair
@@ -109,23 +110,22 @@ def make_scans(root):
 
 
 KITCHEN = "7-scenes-redkitchen"
-LAYOUTS = {
-    DatasetKind.threedmatch: (make_3dmatch, [f"{KITCHEN}/1-to-0", f"{KITCHEN}/2-to-0"]),
-    DatasetKind.threedlomatch: (make_3dlomatch, ["kitchen/1-to-0", "kitchen/2-to-0"]),
-    DatasetKind.eth: (make_eth, ["gazebo_summer/1-to-0", "gazebo_summer/2-to-0"]),
-    DatasetKind.redwood: (make_redwood, ["apartment/1-to-0", "apartment/2-to-0"]),
-    DatasetKind.asl: (make_asl, [f"apartment/Hokuyo_{k + 1}-to-Hokuyo_{k}" for k in range(3)]),
-    DatasetKind.whu_tls: (make_whu_tls, ["3-Mountain/1-to-0", "3-Mountain/2-to-0"]),
-    DatasetKind.scans: (make_scans, [f"6a/s{k + 1}-to-s{k}" for k in range(3)]),
-}  # fmt: skip
+LAYOUTS = [
+    (THREEDMATCH, make_3dmatch, [f"{KITCHEN}/1-to-0", f"{KITCHEN}/2-to-0"]),
+    (THREEDLOMATCH, make_3dlomatch, ["kitchen/1-to-0", "kitchen/2-to-0"]),
+    (ETH, make_eth, ["gazebo_summer/1-to-0", "gazebo_summer/2-to-0"]),
+    (REDWOOD, make_redwood, ["apartment/1-to-0", "apartment/2-to-0"]),
+    (ASL, make_asl, [f"apartment/Hokuyo_{k + 1}-to-Hokuyo_{k}" for k in range(3)]),
+    (WHU_TLS, make_whu_tls, ["3-Mountain/1-to-0", "3-Mountain/2-to-0"]),
+    (SCANS, make_scans, [f"6a/s{k + 1}-to-s{k}" for k in range(3)]),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", LAYOUTS)
+@pytest.mark.parametrize(("layout", "make", "names"), LAYOUTS)
 @pytest.mark.parametrize("turn", [False, True])
-def test_the_truth_brings_the_scans_of_every_layout_together(tmp_path, kind, turn):
-    make, names = LAYOUTS[kind]
+def test_the_truth_brings_the_scans_of_every_layout_together(tmp_path, layout, make, names, turn):
     make(tmp_path)
-    pairs = folder_pairs(tmp_path, kind=kind, turn=turn)
+    pairs = layout.pairs(tmp_path, turn=turn)
     assert list(pairs.names) == names
     for pair in pairs:
         aligned_m = transform_points(pair.T_target_source, pair.source_m)
@@ -134,12 +134,12 @@ def test_the_truth_brings_the_scans_of_every_layout_together(tmp_path, kind, tur
 
 def test_newer_archives_of_asl_name_their_folders_otherwise(tmp_path):
     make_asl(tmp_path, "local_frame", "global_frame")
-    assert len(folder_pairs(tmp_path, kind=DatasetKind.asl)) == 3
+    assert len(ASL.pairs(tmp_path)) == 3
 
 
 def test_3dmatch_carries_what_its_rule_needs(tmp_path):
     make_3dmatch(tmp_path)
-    first, second = folder_pairs(tmp_path, kind=DatasetKind.threedmatch, turn=False)
+    first, second = THREEDMATCH.pairs(tmp_path, turn=False)
     assert (first.consecutive, second.consecutive) == (True, False)
     np.testing.assert_allclose(first.information, INFORMATION)
     assert first.overlap is None
@@ -147,7 +147,7 @@ def test_3dmatch_carries_what_its_rule_needs(tmp_path):
 
 def test_3dlomatch_carries_the_overlap(tmp_path):
     make_3dlomatch(tmp_path)
-    pairs = folder_pairs(tmp_path, kind=DatasetKind.threedlomatch, turn=False)
+    pairs = THREEDLOMATCH.pairs(tmp_path, turn=False)
     assert [pair.overlap for pair in pairs] == [0.25, 0.125]
 
 
@@ -155,7 +155,7 @@ def test_predators_layout_of_3dmatch_is_read_too(tmp_path):
     write_clouds(tmp_path / "kitchen", "cloud_bin_{}.ply")
     truth = tmp_path / "benchmarks" / "3DMatch" / "kitchen"
     write_blocks(truth / "gt.log", {(0, 2): between(0, 2)})
-    assert folder_pairs(tmp_path, kind=DatasetKind.threedmatch).names == ("kitchen/2-to-0",)
+    assert THREEDMATCH.pairs(tmp_path).names == ("kitchen/2-to-0",)
 
 
 # --- KITTI ----------------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def kitti(tmp_path):
 
 
 def test_kitti_pairs_the_last_scan_within_10_m(kitti):
-    (pair,) = folder_pairs(kitti, kind=DatasetKind.kitti, turn=False)
+    (pair,) = KITTI.pairs(kitti, turn=False)
     assert pair.name == "08/000002-to-000000"  # 8 m; the next scan would be 12 m away
     aligned_m = transform_points(pair.T_target_source, pair.source_m)
     assert aligned_m == pytest.approx(pair.target_m, abs=1e-3)
@@ -200,7 +200,7 @@ def test_the_pair_with_wrong_poses_is_left_out(kitti):
     z_m = [0.0] * 15 + [11.0] * 44 + [22.0]
     poses = [make_transform(np.eye(3), np.array([0, 0, z]))[:3].ravel() for z in z_m]
     np.savetxt(kitti / "poses" / "08.txt", poses)
-    assert folder_pairs(kitti, kind=DatasetKind.kitti).names == ("08/000014-to-000000",)
+    assert KITTI.pairs(kitti).names == ("08/000014-to-000000",)
 
 
 def test_pairs_follow_fcgf_on_a_hand_worked_track():
@@ -228,12 +228,12 @@ def test_a_truncated_scan_of_kitti_is_refused(tmp_path):
 # --- what is not there, or not right --------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", DATASETS)
+@pytest.mark.parametrize("layout", [FOLDER, KITTI, *(row[0] for row in LAYOUTS)])
 @pytest.mark.parametrize("folder", [None, "empty"])
-def test_an_absent_data_set_is_one_line_that_says_where_to_get_it(tmp_path, kind, folder):
+def test_an_absent_data_set_is_one_line_that_says_where_to_get_it(tmp_path, layout, folder):
     with pytest.raises(FileNotFoundError, match="data=FOLDER") as caught:
-        folder_pairs(folder and tmp_path, kind=kind)
-    assert DATASETS[kind].source in str(caught.value)
+        layout.pairs(folder and tmp_path)
+    assert layout.source in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -242,7 +242,7 @@ def test_a_broken_log_is_named(tmp_path, text):
     make_eth(tmp_path)
     (tmp_path / "gazebo_summer" / "gt.log").write_text(text)
     with pytest.raises(ValueError, match="gt.log: expected"):
-        folder_pairs(tmp_path, kind=DatasetKind.eth)
+        ETH.pairs(tmp_path)
 
 
 def test_a_scan_without_pose_is_named(tmp_path):
@@ -250,10 +250,10 @@ def test_a_scan_without_pose_is_named(tmp_path):
     path = tmp_path / "apartment" / "csv_global" / "pose_scanner_leica.csv"
     path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
     with pytest.raises(ValueError, match="scan 3 has no pose"):
-        folder_pairs(tmp_path, kind=DatasetKind.asl)
+        ASL.pairs(tmp_path)
 
 
 def test_at_most_so_many_pairs_of_each_set_spread_over_the_list(tmp_path):
     make_scans(tmp_path)
-    pairs = folder_pairs(tmp_path, kind=DatasetKind.scans, most_per_set=2)
+    pairs = SCANS.pairs(tmp_path, most_per_set=2)
     assert pairs.names == ("6a/s1-to-s0", "6a/s3-to-s2")

@@ -15,23 +15,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.datasets.pairset import PairSet
 from skipnet.benchmark.methods import Estimate
-from skipnet.benchmark.options import DisturbanceConfig, EvaluateConfig, ProtocolKind, VariantConfig
-from skipnet.benchmark.running.contestants import Contestant, settings_hash
+from skipnet.benchmark.options import DisturbanceConfig, ProtocolKind
 from skipnet.benchmark.running.isolation import isolated
 from skipnet.benchmark.running.runner import check_same_settings, predict
+from skipnet.benchmark.running.setup import NamedMethod, settings_hash
 from skipnet.benchmark.scoring.predictions import Prediction, append_prediction, read_predictions
 from skipnet.benchmark.scoring.scoring import (
     Scorer,
     best_of_groups,
-    choose_variants,
+    choose_best,
     score_predictions,
     write_scores,
 )
 from skipnet.benchmark.scoring.summary import summarise
 from skipnet.geometry import make_transform
 from skipnet.types import Pair
+from tests.composing import evaluate_options
 
 TRUTH = make_transform(np.eye(3), np.array([1.0, 2.0, 3.0]))
 
@@ -69,8 +70,8 @@ def raising(task):
     raise ArithmeticError("no inliers")
 
 
-def contestant(name, run, start_from=""):
-    return Contestant(
+def named(name, run, start_from=""):
+    return NamedMethod(
         name, name.upper(), run, settings_hash=f"hash of {name}", start_from=start_from
     )
 
@@ -78,9 +79,9 @@ def contestant(name, run, start_from=""):
 def test_scores_of_a_run_by_hand(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs()
     entrants = [
-        contestant("ours", two_staged),
-        contestant("icp", local),
-        contestant("icp_from_ours", local, start_from="ours"),
+        named("ours", two_staged),
+        named("icp", local),
+        named("icp_from_ours", local, start_from="ours"),
     ]
     predict(pairs, entrants, path, io.StringIO())
     rows = score(pairs, [c.name for c in entrants], read_predictions(path))
@@ -107,7 +108,7 @@ def test_a_method_sees_no_truth(tmp_path):
         seen.append(task)
         return local(task)
 
-    predict(make_pairs(1), [contestant("spy", spy)], tmp_path / "p.jsonl", io.StringIO())
+    predict(make_pairs(1), [named("spy", spy)], tmp_path / "p.jsonl", io.StringIO())
     (task,) = seen
     assert not any(np.array_equal(value, TRUTH) for value in vars(task).values())
     np.testing.assert_array_equal(task.T_target_source_start, np.eye(4))
@@ -121,7 +122,7 @@ def test_an_exception_is_a_failed_pair_that_counts(tmp_path):
     def sometimes(task):
         return raising(task) if next(calls) == 2 else two_staged(task)
 
-    predict(pairs, [contestant("shaky", sometimes)], path, io.StringIO())
+    predict(pairs, [named("shaky", sometimes)], path, io.StringIO())
     failed = read_predictions(path)[2]
     assert failed.error == "ArithmeticError: no inliers"
     assert failed.T_target_source is None
@@ -134,7 +135,7 @@ def test_an_exception_is_a_failed_pair_that_counts(tmp_path):
 
 def test_most_pairs_failed_means_no_median(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(2)
-    predict(pairs, [contestant("broken", raising)], path, io.StringIO())
+    predict(pairs, [named("broken", raising)], path, io.StringIO())
     (entry,) = summarise(score(pairs, ["broken"], read_predictions(path)), {"broken": "B"})
     assert entry["success_rate"] == 0.0
     assert entry["median"]["mean_error_mm"] is None
@@ -144,7 +145,7 @@ def test_most_pairs_failed_means_no_median(tmp_path):
 
 def test_a_dependent_method_fails_with_the_one_it_starts_from(tmp_path):
     path = tmp_path / "predictions.jsonl"
-    entrants = [contestant("ours", raising), contestant("icp", local, start_from="ours")]
+    entrants = [named("ours", raising), named("icp", local, start_from="ours")]
     predict(make_pairs(1), entrants, path, io.StringIO())
     assert "ours gave no coarse pose" in read_predictions(path)[1].error
 
@@ -152,7 +153,7 @@ def test_a_dependent_method_fails_with_the_one_it_starts_from(tmp_path):
 @pytest.mark.parametrize("pose", [np.full((4, 4), np.nan), np.eye(3)])
 def test_an_answer_that_is_no_pose_is_a_failure(tmp_path, pose):
     path = tmp_path / "predictions.jsonl"
-    broken = contestant("broken", lambda task: Estimate(pose, {"fine": 0.1}))
+    broken = named("broken", lambda task: Estimate(pose, {"fine": 0.1}))
     predict(make_pairs(1), [broken], path, io.StringIO())
     assert "no pose" in read_predictions(path)[0].error
 
@@ -167,14 +168,14 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path):
         return two_staged(task)
 
     with pytest.raises(KeyboardInterrupt):
-        predict(pairs, [contestant("ours", counting)], path, io.StringIO())
+        predict(pairs, [named("ours", counting)], path, io.StringIO())
     with path.open("a") as file:
         file.write('{"pair": "pair-2", "meth')  # the kill came in the middle of a line
-    predict(pairs, [contestant("ours", counting)], path, io.StringIO())
+    predict(pairs, [named("ours", counting)], path, io.StringIO())
     assert len(calls) == 4
     assert [p.pair for p in read_predictions(path)] == list(pairs.names)
     # Nothing is missing now: nothing is loaded, nothing is called.
-    predict(replace(pairs, load=None), [contestant("ours", raising)], path, io.StringIO())
+    predict(replace(pairs, load=None), [named("ours", raising)], path, io.StringIO())
 
 
 def test_predictions_survive_the_file_to_the_last_bit(tmp_path):
@@ -201,7 +202,7 @@ def test_scores_need_every_prediction():
 
 def test_scores_csv_has_units_in_its_headers(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(1)
-    predict(pairs, [contestant("ours", two_staged)], path, io.StringIO())
+    predict(pairs, [named("ours", two_staged)], path, io.StringIO())
     write_scores(score(pairs, ["ours"], read_predictions(path)), tmp_path / "scores.csv")
     with (tmp_path / "scores.csv").open() as file:
         record, _ = csv.DictReader(file)
@@ -214,36 +215,37 @@ def test_scores_csv_has_units_in_its_headers(tmp_path):
 
 def test_other_settings_do_not_reuse_answers(tmp_path):
     path = tmp_path / "predictions.jsonl"
-    predict(make_pairs(1), [contestant("ours", two_staged)], path, io.StringIO())
-    changed = Contestant("ours", "OURS", two_staged, settings_hash="another")
+    predict(make_pairs(1), [named("ours", two_staged)], path, io.StringIO())
+    changed = NamedMethod("ours", "OURS", two_staged, settings_hash="another")
     with pytest.raises(ValueError, match="output_dir"):
         check_same_settings(path, [changed])
-    check_same_settings(path, [contestant("icp", local)])
+    check_same_settings(path, [named("icp", local)])
 
 
 def test_settings_hash_sees_what_is_in_the_weights_file(tmp_path):
     weights = tmp_path / "w.npz"
     options = {"descriptor": "learned", "weights": str(weights)}
-    variants = {"mine": VariantConfig("matching", options=options), "icp": VariantConfig("icp")}
-    config = EvaluateConfig(variants=variants, methods=["mine", "icp"])
+    config = evaluate_options("methods=[learned_sc2,icp]")
+    config.methods["learned_sc2"].options = options
     hashes = []
     for content in (b"one", b"two"):
         weights.write_bytes(content)
-        hashes.append([settings_hash(config, name) for name in ("mine", "icp")])
+        hashes.append([settings_hash(config, name) for name in ("learned_sc2", "icp")])
     assert hashes[0][0] != hashes[1][0] and hashes[0][1] == hashes[1][1]
 
 
 def test_settings_hash_sees_what_an_answer_depends_on():
-    config = EvaluateConfig()
+    config = evaluate_options()
     known = settings_hash(config, "icp_from_coarse")
-    assert settings_hash(replace(config, pairs=3, methods=["icp"]), "icp_from_coarse") == known
+    assert settings_hash(replace(config, pairs=3), "icp_from_coarse") == known
+    assert settings_hash(evaluate_options("benchmark=simulated"), "icp_from_coarse") == known
     assert settings_hash(replace(config, points=1000), "icp_from_coarse") != known
     noisy = replace(config, disturbances=[DisturbanceConfig("noisy", noise_m=0.1)])
     assert settings_hash(noisy, "icp_from_coarse") != known
     judged = replace(config, protocol=ProtocolKind.deg5_2m)
     assert settings_hash(judged, "icp_from_coarse") == known
-    other_start = {**config.variants, "skipnet": VariantConfig(options={"voxel_size_m": 0.2})}
-    assert settings_hash(replace(config, variants=other_start), "icp_from_coarse") != known
+    other_start = evaluate_options("+methods.skipnet.options.voxel_size_m=0.2")
+    assert settings_hash(other_start, "icp_from_coarse") != known
 
 
 def make_slow(seconds):
@@ -288,8 +290,8 @@ def dying(task):
 def test_a_method_that_dies_fails_its_pair_and_the_next_still_runs(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(2)
     entrants = [
-        contestant("mortal", isolated(make_dying)),
-        contestant("icp", isolated(partial(make_slow, 0.0))),
+        named("mortal", isolated(make_dying)),
+        named("icp", isolated(partial(make_slow, 0.0))),
     ]
     predict(pairs, entrants, path, io.StringIO())
     mortal, icp = read_predictions(path)[2:]
@@ -329,7 +331,7 @@ def test_correspondences_are_kept_beside_the_predictions_and_scored(tmp_path):
         matches = task.source_m[:4], task.source_m[:4] + TRUTH[:3, 3] + offsets_m
         return Estimate(shifted(0.0), {"fine": 0.1}, correspondences=matches)
 
-    predict(pairs, [contestant("matching", matching)], path, io.StringIO())
+    predict(pairs, [named("matching", matching)], path, io.StringIO())
     for distance_m, ratio in ((0.1, 0.75), (0.01, 0.5)):
         scorer = Scorer(ProtocolKind.own, tmp_path, distance_m)
         (row,) = score_predictions(pairs, ["matching"], read_predictions(path), scorer)
@@ -338,7 +340,7 @@ def test_correspondences_are_kept_beside_the_predictions_and_scored(tmp_path):
         assert (entry["mean_inlier_ratio"], entry["feature_matching_recall"]) == (ratio, 1.0)
 
 
-def test_the_best_variant_is_chosen_set_by_set(tmp_path):
+def test_the_best_method_of_a_group_is_chosen_set_by_set(tmp_path):
     """Small voxels are right in the first set, large ones in the second; together in both."""
     path = tmp_path / "predictions.jsonl"
     points_m = np.random.default_rng(0).uniform(-1, 1, (30, 3))
@@ -351,13 +353,13 @@ def test_the_best_variant_is_chosen_set_by_set(tmp_path):
         return lambda task: Estimate(shifted(0.0 if condition(task) else 9.0), {"fine": 1.0})
 
     entrants = [
-        contestant("small", right_if(lambda task: task.source_m.mean() < 0.5)),
-        contestant("large", right_if(lambda task: task.source_m.mean() >= 0.5)),
+        named("small", right_if(lambda task: task.source_m.mean() < 0.5)),
+        named("large", right_if(lambda task: task.source_m.mean() >= 0.5)),
     ]
     pairs = PairSet(("p0", "p1"), load)
     predict(pairs, entrants, path, io.StringIO())
     rows = score(pairs, ["small", "large"], read_predictions(path))
-    chosen = choose_variants(rows, {"small": "best", "large": "best"})
+    chosen = choose_best(rows, {"small": "best", "large": "best"})
     assert chosen == {("best", "set-0"): "small", ("best", "set-1"): "large"}
     best = best_of_groups(rows, chosen)
     assert [(row.method, row.set, row.success) for row in best] == [
@@ -368,7 +370,7 @@ def test_the_best_variant_is_chosen_set_by_set(tmp_path):
 
 def test_a_protocol_that_fits_no_pair_is_refused(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(1)
-    predict(pairs, [contestant("icp", local)], path, io.StringIO())
+    predict(pairs, [named("icp", local)], path, io.StringIO())
     scorer = Scorer(ProtocolKind.rmse_20cm, tmp_path)
     with pytest.raises(ValueError, match="protocol=deg15_30cm"):
         score_predictions(pairs, ["icp"], read_predictions(path), scorer)
@@ -380,6 +382,7 @@ from functools import partial
 sys.path.insert(0, "tests/benchmark")
 from skipnet.benchmark.running.isolation import isolated
 from skipnet.benchmark.methods import Task
+from tests.composing import evaluate_options
 from test_benchmark_runner import make_sleeper
 
 if __name__ == "__main__":

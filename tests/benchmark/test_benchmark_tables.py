@@ -34,7 +34,7 @@ def row(pair, success=True, method="ours", **fields):
         "set": "hall", "stage": "fine", "counts": True, "rotation_error_deg": 1.0,
         "translation_error_mm": 10.0, "x_error_mm": 1.0, "y_error_mm": 1.0, "z_error_mm": 1.0,
         "mean_error_mm": 1.0, "time_s": 1.0, "map_s": 0.0, "transform_s": 0.0, "total_s": 1.0,
-        "status": "registered", "confidence": None, "lead": None, "overlap": 0.6,
+        "status": "registered", "confidence": None, "margin": None, "overlap": 0.6,
         "source_points": 1000, "target_points": 1000, "rmse_mm": None, "inlier_ratio": None,
         "own_limits": "5°, 0.3 m", "error": "", "right_by": {"own": success},
     }  # fmt: skip
@@ -86,7 +86,7 @@ def test_own_limits_stand_in_the_head_of_each_set():
     assert headers[3:] == ("hall (5°, 0.3 m)", "street (5°, 2 m)")
 
 
-def test_the_chosen_variants_are_named_set_by_set():
+def test_the_chosen_methods_are_named_set_by_set():
     labels = LABELS | {"small": "0.1 m", "large": "0.4 m"}
     chosen = {("Peer, best", "hall"): "small", ("Peer, best", "street"): "large"}
     table = chosen_table(chosen, labels)

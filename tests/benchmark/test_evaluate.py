@@ -11,26 +11,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from skipnet.benchmark.datasets.overlapping import KINDS
+from skipnet.benchmark.datasets.dataset import make_dataset
+from skipnet.benchmark.datasets.overlapping import KINDS, Overlapping
+from skipnet.benchmark.datasets.simulated import Simulated
 from skipnet.benchmark.methods import Task, make_method
 from skipnet.benchmark.methods.matching import most_consistent_pose
-from skipnet.benchmark.options import EvaluateConfig, ProtocolKind, VariantConfig
-from skipnet.benchmark.running.contestants import make_contestants, make_pair_set
+from skipnet.benchmark.options import EvaluateConfig, MethodConfig
 from skipnet.benchmark.running.runner import predict
+from skipnet.benchmark.running.setup import make_methods, make_pair_set
 from skipnet.benchmark.scoring.predictions import read_predictions
 from skipnet.commands import hydra_app as command
-from skipnet.commands.evaluate import evaluate
+from skipnet.commands.evaluate import evaluate, main
 from skipnet.geometry import make_transform, pose_error, rotation_from_vector, transform_points
 from skipnet.metrics.poses import inlier_ratio
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import AMBIGUOUS_FAMILIES, FAMILIES
+from tests.composing import evaluate_options
 
 ROOT = Path(__file__).parents[2]
 BENCHMARKS = sorted(path.stem for path in (ROOT / "configs" / "benchmark").glob("*.yaml"))
+SMALL = ("pairs=2", "points=3000", "methods=[small_gicp,kiss_matcher]")
 FILES = {
     "config.yaml",
     "predictions.jsonl",
@@ -43,20 +45,15 @@ FILES = {
 }
 
 
+def made_by(module):
+    return f"skipnet.benchmark.methods.{module}.make"
+
+
 @pytest.fixture(scope="module")
 def run_folder(tmp_path_factory):
     """A run of two small simulated rooms."""
     folder = tmp_path_factory.mktemp("run")
-    summary = evaluate(
-        EvaluateConfig(
-            pairs=2,
-            points=3000,
-            methods=["small_gicp", "kiss_matcher"],
-            worst=1,
-            output_dir=str(folder),
-        )
-    )
-    return folder, summary
+    return folder, evaluate(evaluate_options(*SMALL, "worst=1", f"output_dir={folder}"))
 
 
 def test_a_run_leaves_every_file_and_returns_its_summary(run_folder):
@@ -137,18 +134,16 @@ def test_the_paper_stands_under_the_rows_it_has():
 
 @pytest.mark.parametrize("benchmark", BENCHMARKS)
 def test_every_benchmark_config_composes_and_its_methods_can_be_built(benchmark, tmp_path):
-    ConfigStore.instance().store(name="evaluate_schema", node=EvaluateConfig)
-    overrides = [f"benchmark={benchmark}", f"output_dir={tmp_path}"]
-    with initialize_config_dir(str(ROOT / "configs"), version_base="1.3"):
-        config = OmegaConf.to_object(compose("evaluate", overrides))
+    config = evaluate_options(f"benchmark={benchmark}", f"output_dir={tmp_path}")
     assert config.benchmark == benchmark
-    assert [c.name for c in make_contestants(config)] == config.methods
-    if config.dataset.name == "simulated":
+    assert [method.name for method in make_methods(config)] == list(config.methods)
+    dataset = make_dataset(config)
+    if isinstance(dataset, Simulated):
         conditions = max(len(config.disturbances), 1)
         unique = len(FAMILIES) - len(AMBIGUOUS_FAMILIES)
         families = unique if config.family == "all" else 1
         assert len(make_pair_set(config)) == config.pairs * conditions * families
-    elif config.dataset.name == "overlapping":
+    elif isinstance(dataset, Overlapping):
         assert len(make_pair_set(config)) == config.pairs * len(KINDS)
     else:
         with pytest.raises(FileNotFoundError, match="data=FOLDER"):
@@ -156,7 +151,7 @@ def test_every_benchmark_config_composes_and_its_methods_can_be_built(benchmark,
 
 
 @pytest.mark.parametrize(
-    ("adapter", "options"),
+    ("module", "options"),
     [
         ("icp", {"max_distance_m": 0.5}),
         ("icp", {"max_distance_m": 0.5, "to_planes": True}),
@@ -170,14 +165,14 @@ def test_every_benchmark_config_composes_and_its_methods_can_be_built(benchmark,
         ("kiss_matcher", {"fine": False}),
     ],
 )
-def test_a_method_answers_and_a_local_one_stays_at_the_truth(adapter, options):
+def test_a_method_answers_and_a_local_one_stays_at_the_truth(module, options):
     pair = simulate_pair("paper_room", 1, points=20_000).pair
-    estimate = make_method(adapter, options)(
+    estimate = make_method(made_by(module), options)(
         Task(pair.source_m, pair.target_m, T_target_source_start=pair.T_target_source)
     )
     assert set(estimate.stage_s) <= {"map", "transform", "fine"}
     assert estimate.T_target_source.shape == (4, 4)
-    if adapter in ("icp", "small_gicp"):
+    if module in ("icp", "small_gicp"):
         rotation_error_rad, translation_error_m = pose_error(
             estimate.T_target_source, pair.T_target_source
         )
@@ -189,7 +184,7 @@ def test_skipnet_splits_its_time_as_the_paper_does():
     from skipnet.benchmark.methods.ours import FINE_STAGES, TRANSFORM_STAGES
 
     pair = simulate_pair("paper_room", 1, points=20_000).pair
-    estimate = make_method("skipnet", {"generators": ["planes"]})(
+    estimate = make_method(made_by("ours"), {"generators": ["planes"]})(
         Task(pair.source_m, pair.target_m)
     )
     # A stage that registration renamed would silently count as map.
@@ -206,7 +201,7 @@ def test_icp_brings_back_a_small_motion_exactly():
         rotation_from_vector(np.array([0.01, 0.0, 0.02])), np.array([0.01, 0, 0])
     )
     source_m = (points_m - T_true[:3, 3]) @ T_true[:3, :3]
-    estimate = make_method("icp")(Task(source_m, points_m))
+    estimate = make_method(made_by("icp"))(Task(source_m, points_m))
     assert pose_error(estimate.T_target_source, T_true) == pytest.approx((0, 0), abs=1e-6)
 
 
@@ -218,7 +213,7 @@ def test_icp_to_planes_brings_back_a_small_motion():
         rotation_from_vector(np.array([0.01, 0.0, 0.02])), np.array([0.01, 0, 0])
     )
     source_m = (points_m - T_true[:3, 3]) @ T_true[:3, :3]
-    estimate = make_method("icp", {"to_planes": True, "max_distance_m": 0.2})(
+    estimate = make_method(made_by("icp"), {"to_planes": True, "max_distance_m": 0.2})(
         Task(source_m, points_m)
     )
     assert pose_error(estimate.T_target_source, T_true) == pytest.approx((0, 0), abs=1e-3)
@@ -241,7 +236,7 @@ def test_most_consistent_pose_survives_wrong_correspondences():
 def test_matching_hands_out_its_correspondences(descriptor):
     pair = simulate_pair("paper_room", 1, points=20_000).pair
     viewpoints_m = pair.source_viewpoint_m, pair.target_viewpoint_m
-    estimate = make_method("matching", {"descriptor": descriptor})(
+    estimate = make_method(made_by("matching"), {"descriptor": descriptor})(
         Task(pair.source_m, pair.target_m, *viewpoints_m)
     )
     source_m, target_m = estimate.correspondences
@@ -255,10 +250,10 @@ def test_matching_hands_out_its_correspondences(descriptor):
 def test_the_same_run_twice_gives_the_same_answers(tmp_path):
     """RANSAC too, which draws at random, and whose threads would race."""
     methods = ["skipnet", "fpfh_ransac", "fgr", "kiss_matcher"]
-    config = EvaluateConfig(pairs=1, points=3000, methods=methods)
+    config = evaluate_options("pairs=1", "points=3000", f"methods=[{','.join(methods)}]")
     answers = []
     for name in ("first.jsonl", "second.jsonl"):
-        predict(make_pair_set(config), make_contestants(config), tmp_path / name)
+        predict(make_pair_set(config), make_methods(config), tmp_path / name)
         answers.append([p.T_target_source for p in read_predictions(tmp_path / name)])
     assert len(answers[0]) == len(methods) and None not in answers[0]
     assert answers[0] == answers[1]
@@ -269,15 +264,7 @@ def test_answers_are_judged_anew_by_another_protocol(run_folder, tmp_path):
     copied = tmp_path / "run"
     shutil.copytree(folder, copied)
     answered = (copied / "predictions.jsonl").read_bytes()
-    after = evaluate(
-        EvaluateConfig(
-            pairs=2,
-            points=3000,
-            methods=["small_gicp", "kiss_matcher"],
-            protocol=ProtocolKind.deg5_2m,
-            output_dir=str(copied),
-        )
-    )
+    after = evaluate(evaluate_options(*SMALL, "protocol=deg5_2m", f"output_dir={copied}"))
     assert (copied / "predictions.jsonl").read_bytes() == answered
     assert "5°, 2 m" in after["about"]["protocol"]
     successes = [[entry["successes"] for entry in one["rows"]] for one in (before, after)]
@@ -321,15 +308,13 @@ def test_an_absent_data_set_is_one_line_and_exit_code_2(tmp_path, capsys):
 def test_a_missing_package_stops_with_the_pip_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "kiss_matcher", None)
     with pytest.raises(ImportError, match="pip install kiss-matcher"):
-        make_method("kiss_matcher")
+        make_method(made_by("kiss_matcher"))
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"methods": ["skipnett"]}, "unknown method 'skipnett'"),
-        ({"methods": []}, "at least one"),
-        ({"methods": ["icp_from_coarse"]}, "put skipnet before it"),
+        ({"methods": {"icp": {"make": "a.b", "start_from": "skipnet"}}}, "put skipnet before it"),
         ({"threads": 0}, "threads=0"),
         ({"most_per_set": 0}, "most_per_set=0"),
         ({"inlier_distance_m": 0.0}, "inlier_distance_m"),
@@ -346,21 +331,89 @@ def test_settings_that_do_not_fit_say_what_to_do(options, message):
 
 
 @pytest.mark.parametrize(
-    ("variant", "message"),
+    ("method", "message"),
     [
-        (VariantConfig("gicp"), "gicp.*small_gicp"),
-        (VariantConfig("icp", options={"max_distance": 1.0}), "max_distance.*max_distance_m"),
-        (VariantConfig("skipnet", options={"generator": ["planes"]}), "generator"),
-        (VariantConfig("skipnet", options={"generators": ["walls"]}), "walls"),
-        (VariantConfig("kiss_matcher", options={"voxel_size_m": 0.001}), "0.005"),
-        (VariantConfig("open3d", options={"search": "fgrr"}), "ransac, fgr"),
-        (VariantConfig("matching", options={"descriptor": "shot"}), "fpfh, learned"),
+        (("gicp", {}), "make=skipnet.benchmark.methods.gicp.make: expected package.module.name"),
+        (("icp", {"max_distance": 1.0}), "max_distance.*max_distance_m"),
+        (("ours", {"generator": ["planes"]}), "generator"),
+        (("ours", {"generators": ["walls"]}), "walls"),
+        (("kiss_matcher", {"voxel_size_m": 0.001}), "0.005"),
+        (("open3d", {"search": "fgrr"}), "ransac, fgr"),
+        (("matching", {"descriptor": "shot"}), "fpfh, learned"),
     ],
 )
-def test_unknown_adapters_and_options_are_named(variant, message):
-    config = EvaluateConfig(methods=["icp"], variants={"icp": variant})
+def test_unknown_methods_and_options_are_named(method, message):
+    module, options = method
+    config = EvaluateConfig(methods={"it": MethodConfig(made_by(module), options=options)})
     with pytest.raises(ValueError, match=message):
-        make_contestants(config)
+        make_methods(config)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["methods=[skipnett]"], "no such choice: methods=skipnett"),
+        (["methods=[icp_from_coarse]"], "put skipnet before it"),
+        (["methods=[]"], "no such choice: methods=;"),
+        (["dataset=kity"], "no such choice: dataset=kity"),
+        (["seed=9980"], "benchmark: 40 scenes from number 9980"),
+    ],
+)
+def test_a_wrong_choice_is_one_line_and_exit_code_2(arguments, message, capsys, tmp_path):
+    code = main([*arguments, f"output_dir={tmp_path / 'run'}"])
+    error = capsys.readouterr().err
+    assert (code, error.count("\n")) == (2, 1) and message in error
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_method_and_a_data_set_of_ones_own_need_no_change_here(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(MINE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
+    stay = MethodConfig("mine.make_stay", options={"shift_m": 0.5})
+    config = EvaluateConfig(
+        dataset="mine.TwoPoints", methods={"stay": stay}, worst=0, output_dir=str(tmp_path / "run")
+    )
+    summary = evaluate(config)
+    (entry,) = summary["rows"]
+    assert (entry["pairs"], entry["successes"]) == (1, 0)
+    assert entry["median"]["translation_error_mm"] == pytest.approx(500)
+    assert summary["about"]["pairs from"] == "one cloud"
+
+
+MINE = """
+from dataclasses import dataclass
+import numpy as np
+from skipnet.benchmark.datasets.pairset import PairSet
+from skipnet.benchmark.methods import Estimate
+from skipnet.benchmark.options import EvaluateConfig, ProtocolKind
+from skipnet.types import Pair
+
+@dataclass(frozen=True)
+class TwoPoints:
+    config: EvaluateConfig
+    protocol = ProtocolKind.own
+
+    def pairs(self):
+        cloud_m = np.random.default_rng(self.config.seed).uniform(0, 3, (3000, 3))
+        return PairSet(("one",), lambda index: Pair("one", "mine", cloud_m, cloud_m, np.eye(4)))
+
+    def describe(self):
+        return {"pairs from": "one cloud"}
+
+    def key(self):
+        return ["two points", self.config.seed]
+
+def make_stay(shift_m=0.0):
+    T = np.eye(4)
+    T[0, 3] = shift_m
+    return lambda task: Estimate(T, {"fine": 0.0})
+"""
+
+
+def test_a_run_without_methods_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="methods=.*at least one"):
+        evaluate(EvaluateConfig(output_dir=str(tmp_path / "run")))
 
 
 def test_misspelt_option_is_one_line_and_exit_code_2(capsys):
@@ -370,8 +423,8 @@ def test_misspelt_option_is_one_line_and_exit_code_2(capsys):
 
 
 def test_an_option_of_the_wrong_kind_is_refused_by_name():
-    with pytest.raises(ValueError, match="'icp' cannot take .*max_iterations"):
-        make_method("icp", {"max_iterations": "abc"})
+    with pytest.raises(ValueError, match="icp.make cannot take .*max_iterations"):
+        make_method(made_by("icp"), {"max_iterations": "abc"})
 
 
 def test_help_is_instant_in_that_it_imports_nothing_heavy():

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from skipnet.benchmark.methods import Estimate
-from skipnet.benchmark.options import EvaluateConfig, SpeedConfig
+from skipnet.benchmark.options import SpeedConfig
 from skipnet.benchmark.reporting.speed_report import exponents, summarise
 from skipnet.benchmark.running.speed import measure, middle, peak_bytes, run_speed, simulate_size
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import SPEED
+from tests.composing import evaluate_options
 
 SIZES = [2000, 4000]
 
@@ -88,7 +89,7 @@ def test_only_a_pose_within_the_thresholds_is_right_and_an_error_is_wrong(pair):
 def test_peak_memory_counts_what_a_method_takes_beyond_its_input(pair):
     # ICP holds both clouds once more, in float64, and a search tree over one.
     large = simulate_pair("paper_room", 1, points=300_000).pair
-    extra = peak_bytes(("icp", {"max_iterations": 1}), large, pair)
+    extra = peak_bytes(("skipnet.benchmark.methods.icp.make", {"max_iterations": 1}), large, pair)
     assert extra is not None and extra > large.source_m.nbytes + large.target_m.nbytes
 
 
@@ -100,10 +101,8 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
         return measure(method, pair, about)
 
     monkeypatch.setattr("skipnet.benchmark.running.speed.measure", remembered)
-    config = EvaluateConfig(
-        benchmark="speed",
-        pairs=2,
-        methods=["skipnet", "icp"],
+    config = replace(
+        evaluate_options("benchmark=speed", "pairs=2", "methods=[skipnet,icp]"),
         speed=SpeedConfig(
             ["paper_room"], SIZES, most_points={"icp": SIZES[0]}, repeats=2, memory=False
         ),
@@ -139,14 +138,17 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
     ("changed", "words"),
     [
         ({"speed": SpeedConfig(["nosuch"], SIZES)}, "unknown scene family 'nosuch'"),
-        ({"methods": ["skipnet", "icp_from_coarse"]}, "starts from the pose of"),
-        ({"methods": ["icp"], "speed": SpeedConfig(points=[9], most_points={"icp": 8})}, "above 8"),
-        ({"methods": ["skipnet"]}, "choose another output_dir"),
+        ({"methods": "skipnet,icp_from_coarse"}, "starts from the pose of"),
+        ({"methods": "icp", "speed": SpeedConfig(points=[9], most_points={"icp": 8})}, "above 8"),
+        ({"methods": "skipnet"}, "choose another output_dir"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_and_earlier_measurements_stay(tmp_path, changed, words):
+    changed = dict(changed)
     (tmp_path / "measurements.jsonl").write_text("{}\n")
-    config = EvaluateConfig(benchmark="speed", output_dir=str(tmp_path), **changed)
+    methods = changed.pop("methods", "skipnet")
+    config = evaluate_options("benchmark=speed", f"methods=[{methods}]", f"output_dir={tmp_path}")
+    config = replace(config, **changed)
     with pytest.raises(ValueError, match=words):
         run_speed(config, io.StringIO())
     assert (tmp_path / "measurements.jsonl").read_text() == "{}\n"

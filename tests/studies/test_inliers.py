@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skipnet.benchmark.options import EvaluateConfig
-from skipnet.benchmark.running.contestants import make_pair_set
+from skipnet.benchmark.running.setup import make_pair_set
 from skipnet.clouds.formats.writing import write_cloud
 from skipnet.commands.study import main
 from skipnet.geometry import invert

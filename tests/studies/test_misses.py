@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from skipnet.benchmark.options import EvaluateConfig
-from skipnet.benchmark.running.contestants import make_pair_set
 from skipnet.benchmark.running.runner import PREDICTIONS_FILE
+from skipnet.benchmark.running.setup import make_pair_set
 from skipnet.benchmark.scoring.predictions import Prediction, append_prediction
 from skipnet.geometry import make_transform
 from skipnet.storage import write_config

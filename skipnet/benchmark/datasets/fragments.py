@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from skipnet.benchmark.datasets.layout import Layout
 from skipnet.benchmark.datasets.pairset import Listed
+from skipnet.benchmark.options import ProtocolKind
 from skipnet.types import FloatArray
 
 Indices = tuple[int, int]
@@ -111,3 +113,33 @@ def _read_blocks(path: Path, size: int) -> dict[Indices, FloatArray]:
     except ValueError as error:
         raise ValueError(f"{path}: expected i j n and a {size}x{size} matrix: {error}") from error
     return blocks
+
+
+THREEDMATCH = Layout(
+    "3dmatch",
+    list_3dmatch,
+    "SCENE/cloud_bin_N.ply and SCENE-evaluation/gt.log (or benchmarks/3DMatch/SCENE/gt.log)",
+    "https://3dmatch.cs.princeton.edu, Geometric Registration Benchmark",
+    ProtocolKind.rmse_20cm,
+)
+THREEDLOMATCH = Layout(
+    "3dlomatch",
+    list_3dlomatch,
+    "SCENE/cloud_bin_N.ply and benchmarks/3DLoMatch/SCENE/gt.log",
+    "https://github.com/prs-eth/OverlapPredator, the clouds from https://3dmatch.cs.princeton.edu",
+    ProtocolKind.rmse_20cm,
+)
+ETH = Layout(
+    "eth",
+    list_eth,
+    "SCENE/Hokuyo_N.ply and SCENE/gt.log",
+    "https://github.com/zgojcic/3DSmoothNet (gazebo and wood)",
+    ProtocolKind.deg2_30cm,
+)
+REDWOOD = Layout(
+    "redwood",
+    list_redwood,
+    "SCENE/mesh_N.ply and SCENE/reg_output.log",
+    "http://redwood-data.org/indoor_lidar_rgbd",
+    ProtocolKind.deg15_30cm,
+)

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from skipnet.benchmark.datasets.layout import Layout
 from skipnet.benchmark.datasets.pairset import Listed
+from skipnet.benchmark.options import ProtocolKind
 from skipnet.geometry import invert, make_transform
 from skipnet.types import FloatArray, Pair
 
@@ -115,3 +117,14 @@ def _rigid(rows: FloatArray) -> FloatArray:
     """(N, 4, 4) transforms of (N, 12) rows of 3x4 matrices."""
     matrices = rows.reshape(-1, 3, 4)
     return make_transform(matrices[:, :, :3], matrices[:, :, 3])
+
+
+KITTI = Layout(
+    "kitti",
+    list_kitti,
+    "sequences/NN/velodyne/NNNNNN.bin, sequences/NN/calib.txt and poses/NN.txt",
+    "https://www.cvlibs.net/datasets/kitti/eval_odometry.php",
+    ProtocolKind.deg5_2m,
+    read_scan,
+    refine_truth,
+)

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from skipnet.benchmark.datasets.layout import Layout
 from skipnet.benchmark.datasets.pairset import Listed
+from skipnet.benchmark.options import ProtocolKind
 from skipnet.geometry import invert
 
 PAIRS_FILE = "pairs.json"
@@ -69,3 +71,12 @@ def _parse(entry: dict[str, Any], folder: Path) -> Listed:
         success_rotation_deg=float(entry["success_rotation_deg"]),
         success_translation_m=float(entry["success_translation_m"]),
     )
+
+
+FOLDER = Layout(
+    "folder",
+    list_pairs,
+    PAIRS_FILE,
+    "any folder of scans that you list there",
+    ProtocolKind.own,
+)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from skipnet.benchmark.datasets.pairset import PairSet
+from skipnet.benchmark.options import EvaluateConfig, ProtocolKind
 from skipnet.metrics.poses import measured_overlap
 from skipnet.simulation.seeds import OVERLAP
 from skipnet.skipmap.resolution import choose_voxel_size
@@ -48,6 +50,32 @@ KINDS = (
     Kind("kitchen", "fused"),
     Kind("figure", "camera", 5.0, 0.005),
 )
+
+
+@dataclass(frozen=True)
+class Overlapping:
+    """Simulated views whose overlap is chosen: ``Dataset``."""
+
+    config: EvaluateConfig
+
+    @property
+    def protocol(self) -> ProtocolKind:
+        """Each pair's own thresholds."""
+        return ProtocolKind.own
+
+    def pairs(self) -> PairSet:
+        """See ``overlapping_pairs``."""
+        return overlapping_pairs(self.config.pairs, self.config.seed)
+
+    def describe(self) -> dict[str, str]:
+        """How many of how many kinds."""
+        count = f"{self.config.pairs} simulated pairs of each of {len(KINDS)} kinds"
+        return {"pairs from": count}
+
+    def key(self) -> list[Any]:
+        """A pair's goal follows from the number of pairs."""
+        return ["overlapping", self.config.pairs, self.config.seed]
+
 
 Clouds = Callable[[float], tuple[FloatArray, FloatArray, FloatArray]]
 """A turn in radians to source (N, 3), target (M, 3) and the true (4, 4) motion."""

@@ -2,11 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 from skipnet.benchmark.datasets.pairset import PairSet
+from skipnet.benchmark.options import EvaluateConfig, ProtocolKind
 from skipnet.checks import check_known
 from skipnet.types import Pair
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Scenes of one family, or of every one: ``Dataset``."""
+
+    config: EvaluateConfig
+
+    @property
+    def protocol(self) -> ProtocolKind:
+        """Each pair's own thresholds."""
+        return ProtocolKind.own
+
+    def pairs(self) -> PairSet:
+        """See ``simulated_pairs``."""
+        c = self.config
+        return simulated_pairs(c.family, c.pairs, c.seed, c.scanner, c.rotation, c.points)
+
+    def describe(self) -> dict[str, str]:
+        """Family, number and scanner."""
+        c = self.config
+        family = "every family" if c.family == "all" else f"family {c.family}"
+        return {
+            "pairs from": f"{c.pairs} simulated scenes of {family}",
+            "scanner": f"{c.scanner}, rotation {c.rotation}",
+        }
+
+    def key(self) -> list[Any]:
+        """A pair's name has family and seed."""
+        return ["simulated", self.config.scanner, self.config.rotation, self.config.points]
 
 
 def simulated_pairs(

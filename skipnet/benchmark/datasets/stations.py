@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from skipnet.benchmark.datasets.layout import Layout
 from skipnet.benchmark.datasets.pairset import Listed
+from skipnet.benchmark.options import ProtocolKind
 from skipnet.clouds.formats.reading import SUPPORTED
 from skipnet.geometry import invert
 from skipnet.types import FloatArray
@@ -126,3 +128,26 @@ def _cloud(folder: Path, stem: str) -> Path:
 def _by_number(path: Path) -> tuple[list[int], str]:
     """Order in which s2 comes before s10."""
     return [int(digits) for digits in re.findall(r"\d+", path.stem)], path.name
+
+
+ASL = Layout(
+    "asl",
+    list_asl,
+    "SCENE/csv_local/Hokuyo_N.csv and SCENE/csv_global/pose_scanner_leica.csv",
+    "https://projects.asl.ethz.ch/datasets, laser registration",
+    ProtocolKind.deg2_30cm,
+)
+WHU_TLS = Layout(
+    "whu_tls",
+    list_whu_tls,
+    "SCENE/1-RawPointCloud/A.las and SCENE/3-GroundTruth/A-B/transformation.txt",
+    "https://github.com/WHU-USI3DV/WHU-TLS",
+    ProtocolKind.deg5_2m,
+)
+SCANS = Layout(
+    "scans",
+    list_posed_scans,
+    "SCENE/NAME.ply beside SCENE/NAME.txt, its 4x4 pose",
+    "https://3d.bk.tudelft.nl/liangliang/publications/2020/plade/resso.html, or your own",
+    ProtocolKind.deg5_2m,
+)

@@ -1,13 +1,13 @@
 """Registration methods behind one call: ``Task -> Estimate``.
 
-Each adapter module has a ``make(**options) -> Method``. It imports its package there, not at the
-top, so that a missing one stops with the pip command, and so that imports never count in a method's
-time.
+Each module has a ``make(**options) -> Method``. It imports its package there, not at the top, so
+that a missing one stops with the pip command, and so that imports never count in a method's time.
+A new method is a module here, or one of yours, and a file of configs/methods that names its
+``make``.
 """
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,10 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from skipnet.checks import find_object
 from skipnet.types import FloatArray
-
-ADAPTERS = ("skipnet", "icp", "open3d", "matching", "kiss_matcher", "small_gicp")
-MODULE_OF_ADAPTER = {"skipnet": "ours"}
 
 STAGES = ("map", "transform", "fine")
 """The paper's split of the time: voxels and map (all preparation), coarse transform, fine match."""
@@ -54,7 +52,7 @@ class Estimate:
     """The method's own opinion: "registered", "ambiguous" or "failed"."""
     confidence: float | None = None
     """In [0, 1]: the share of such answers that are right; None if the method does not say."""
-    lead: float | None = None
+    margin: float | None = None
     """By what share of its score it beats its best rival, 0 to 1; None if it knows no rivals."""
     reason: str = ""
     """One sentence for a person."""
@@ -70,32 +68,27 @@ class Estimate:
 Method = Callable[[Task], Estimate]
 
 
-def make_method(adapter: str, options: Mapping[str, Any] | None = None) -> Method:
-    """Build a method from its adapter's name and the options of that adapter.
+def make_method(make: str, options: Mapping[str, Any] | None = None) -> Method:
+    """Build a method from the dotted path of its ``make`` and that function's options.
 
     Raises:
-        ValueError: if the adapter or an option is unknown, or an option's value of a wrong kind.
-        ImportError: if the adapter's package is missing; the message has the pip command.
+        ValueError: if there is no such function or option, or an option's value of a wrong kind.
+        ImportError: if the method's package is missing; the message has the pip command.
     """
-    if adapter not in ADAPTERS:
-        raise ValueError(f"unknown adapter {adapter!r}: expected one of {', '.join(ADAPTERS)}")
-    name = MODULE_OF_ADAPTER.get(adapter, adapter)
-    make = importlib.import_module(f"skipnet.benchmark.methods.{name}").make
-    _check_options(adapter, make, options or {})
+    build = find_object("make", make)
+    _check_options(make, build, options or {})
     try:
-        method: Method = make(**(options or {}))
+        method: Method = build(**(options or {}))
     except TypeError as error:
-        raise ValueError(
-            f"adapter {adapter!r} cannot take {dict(options or {})}: {error}"
-        ) from error
+        raise ValueError(f"{make} cannot take {dict(options or {})}: {error}") from error
     return method
 
 
-def _check_options(adapter: str, make: Callable[..., Method], options: Mapping[str, Any]) -> None:
-    parameters = inspect.signature(make).parameters.values()
+def _check_options(make: str, build: Callable[..., Method], options: Mapping[str, Any]) -> None:
+    parameters = inspect.signature(build).parameters.values()
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
         return
     known = [parameter.name for parameter in parameters]
     unknown = sorted(set(options) - set(known))
     if unknown:
-        raise ValueError(f"adapter {adapter!r} has no option {unknown}; it has {known}")
+        raise ValueError(f"{make} has no option {unknown}; it has {known}")

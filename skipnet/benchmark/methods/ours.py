@@ -68,7 +68,7 @@ def _estimate(result: Registration, time_s: float) -> Estimate:
         stage_s={"map": time_s - transform_s - fine_s, "transform": transform_s, "fine": fine_s},
         status=result.status,
         confidence=result.confidence,
-        lead=None if result.findings is None else result.findings.margin,
+        margin=None if result.findings is None else result.findings.margin,
         reason=result.reason,
         timings_s=dict(result.timings_s),
     )

@@ -112,13 +112,13 @@ def sets_table(rows: Sequence[ScoreRow], labels: dict[str, str], rule: Protocol)
 
 
 def chosen_table(chosen: dict[tuple[str, str], str], labels: dict[str, str]) -> Table | None:
-    """Which variant stands for its group on each set; None without groups."""
+    """Which method stands for its group on each set; None without groups."""
     if not chosen:
         return None
     groups, sets = (list(dict.fromkeys(names)) for names in zip(*chosen, strict=True))
     lines = tuple((name, *(labels[chosen[group, name]] for group in groups)) for name in sets)
-    note = "The variant with most successes on the set; chosen with the truth in hand, it flatters."
-    return Table("Best variant of each set", ("", *groups), lines, note)
+    note = "The method with most successes on the set; chosen with the truth in hand, it flatters."
+    return Table("Best method of each set", ("", *groups), lines, note)
 
 
 def overlap_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:

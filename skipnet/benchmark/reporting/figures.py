@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.datasets.pairset import PairSet
 from skipnet.benchmark.methods import STAGES
 from skipnet.benchmark.reporting.curves import (
     METHOD_COLOURS,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.datasets.pairset import PairSet
 from skipnet.benchmark.reporting.comparison import (
     chosen_table,
     confidence_table,
@@ -51,7 +51,7 @@ class Results:
     pair_set: PairSet
     scorer: Scorer
     chosen: dict[tuple[str, str], str]
-    """Group and set to the variant that was best there."""
+    """Group and set to the method that was best there."""
     worst: int
     """Pairs to show before and after, the worst of the first method."""
 

@@ -28,7 +28,7 @@ def write_speed_report(
     config: EvaluateConfig, measured: Sequence[Measurement], folder: Path
 ) -> dict[str, Any]:
     """Write summary.json, report.md, report.html and figures/; return the summary."""
-    labels = {name: config.variants[name].label or name for name in config.methods}
+    labels = {name: method.label or name for name, method in config.methods.items()}
     summary: dict[str, Any] = {
         "about": _about(config),
         "versions": run_versions(),
@@ -139,11 +139,11 @@ def _ratios(
     config: EvaluateConfig, measured: Sequence[Measurement], labels: dict[str, str]
 ) -> list[str]:
     """How the first method compares with each other one at the largest size both met."""
-    rows, first = summarise(measured), config.methods[0]
+    rows, (first, *others) = summarise(measured), config.methods
     sentences = []
     for family in config.speed.families:
         of = {(r["method"], r["size"]): r for r in rows if r["family"] == family}
-        for name in config.methods[1:]:
+        for name in others:
             both = [b for b in config.speed.points if (first, b) in of and (name, b) in of]
             if both:
                 ours, theirs = of[first, both[-1]], of[name, both[-1]]

@@ -99,13 +99,13 @@ def stages_table(summary: Sequence[dict[str, Any]], labels: dict[str, str]) -> T
             median = entry["median"]
             errors = (median["mean_error_mm"], median["rotation_error_deg"], median["time_s"])
             cells += [_success(entry), *(number(value) for value in errors)]
-        rows.append((*cells, number(fine["median_lead"])))
+        rows.append((*cells, number(fine["median_margin"])))
     measures = ("success", "mean (mm)", "rotation (deg)", "time (s)")
     staged = (f"{stage} {name}" for stage in ("coarse", "fine") for name in measures)
-    headers = ("", *staged, "lead")
+    headers = ("", *staged, "margin")
     note = (
         "Errors and times are medians over all pairs. Both stages are held to the same thresholds. "
-        "Lead: by what share of its own score the pose beats its best rival."
+        "Margin: by what share of its own score the pose beats its best rival."
     )
     return Table("Coarse and fine side by side", headers, tuple(rows), note)
 

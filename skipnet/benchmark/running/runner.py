@@ -16,15 +16,15 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.datasets.pairset import PairSet
 from skipnet.benchmark.methods import Estimate, Task
 from skipnet.benchmark.options import EvaluateConfig
 from skipnet.benchmark.reporting.report import Results, write_report
-from skipnet.benchmark.running.contestants import (
-    Contestant,
+from skipnet.benchmark.running.setup import (
+    NamedMethod,
     describe,
     group_of,
-    make_contestants,
+    make_methods,
     make_pair_set,
     protocol_of,
 )
@@ -37,7 +37,7 @@ from skipnet.benchmark.scoring.predictions import (
 from skipnet.benchmark.scoring.scoring import (
     Scorer,
     best_of_groups,
-    choose_variants,
+    choose_best,
     score_predictions,
 )
 from skipnet.storage import write_config
@@ -57,18 +57,18 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
         ImportError: when a chosen method's package is missing.
     """
     folder = Path(config.output_dir)
-    pair_set, contestants = make_pair_set(config), make_contestants(config)
+    pair_set, methods = make_pair_set(config), make_methods(config)
     path = folder / PREDICTIONS_FILE
-    check_same_settings(path, contestants)
+    check_same_settings(path, methods)
     folder.mkdir(parents=True, exist_ok=True)
     write_config(config, folder / "config.yaml")
-    predict(pair_set, contestants, path, progress)
+    predict(pair_set, methods, path, progress)
     print("scoring and drawing ...", file=progress)
     predictions = read_predictions(path)
-    labels = {contestant.name: contestant.label for contestant in contestants}
+    labels = {method.name: method.label for method in methods}
     scorer = Scorer(protocol_of(config), folder, config.inlier_distance_m)
     rows = score_predictions(pair_set, list(labels), predictions, scorer)
-    chosen = choose_variants(rows, group_of(config))
+    chosen = choose_best(rows, group_of(config))
     labels |= {group: group for group, _ in chosen}
     results = Results(
         about=describe(config) | {"all calls took": duration(p.time_s for p in predictions)},
@@ -94,9 +94,9 @@ def duration(times_s: Iterable[float]) -> str:
     return f"{sum(times_s) / 60:.1f} min"
 
 
-def check_same_settings(path: Path, contestants: Iterable[Contestant]) -> None:
+def check_same_settings(path: Path, methods: Iterable[NamedMethod]) -> None:
     """Raise a ValueError if the file has answers of one of these methods under other settings."""
-    hash_of = {contestant.name: contestant.settings_hash for contestant in contestants}
+    hash_of = {method.name: method.settings_hash for method in methods}
     for prediction in read_predictions(path):
         if prediction.settings_hash != hash_of.get(prediction.method, prediction.settings_hash):
             raise ValueError(
@@ -106,14 +106,14 @@ def check_same_settings(path: Path, contestants: Iterable[Contestant]) -> None:
 
 
 def predict(
-    pair_set: PairSet, contestants: list[Contestant], path: Path, progress: TextIO = sys.stderr
+    pair_set: PairSet, methods: list[NamedMethod], path: Path, progress: TextIO = sys.stderr
 ) -> None:
-    """Append to ``path`` the answer of every contestant to every pair for which it has none yet."""
+    """Append to ``path`` the answer of every method to every pair for which it has none yet."""
     known = {(p.pair, p.method): p for p in read_predictions(path)}
     todo = [
         index
         for index, name in enumerate(pair_set.names)
-        if any((name, c.name) not in known for c in contestants)
+        if any((name, method.name) not in known for method in methods)
     ]
     if len(todo) < len(pair_set):
         print(f"{len(pair_set) - len(todo)} pairs were answered before", file=progress)
@@ -122,44 +122,40 @@ def predict(
         name = pair_set.names[index]
         pair = pair_set.load(index)
         print(f"[{index + 1}/{len(pair_set)}] {name}", end="", file=progress, flush=True)
-        for contestant in contestants:
-            if (name, contestant.name) in known:
+        for method in methods:
+            if (name, method.name) in known:
                 continue
-            start = known.get((name, contestant.start_from))
-            prediction = answer(contestant, pair, start, path.parent)
+            start = known.get((name, method.start_from))
+            prediction = answer(method, pair, start, path.parent)
             append_prediction(path, prediction)
-            known[name, contestant.name] = prediction
+            known[name, method.name] = prediction
             word = "raised" if prediction.error else prediction.status
-            print(f" | {contestant.name}: {word}, {prediction.time_s:.2f} s", end="", file=progress)
+            print(f" | {method.name}: {word}, {prediction.time_s:.2f} s", end="", file=progress)
             progress.flush()
         left_s = (time.perf_counter() - started) / (done + 1) * (len(todo) - done - 1)
         print(f" | about {left_s / 60:.0f} min left", file=progress)
 
 
-def answer(
-    contestant: Contestant, pair: Pair, start: Prediction | None, folder: Path
-) -> Prediction:
-    """One contestant's answer to one pair; an exception becomes a failure with its reason.
+def answer(method: NamedMethod, pair: Pair, start: Prediction | None, folder: Path) -> Prediction:
+    """One method's answer to one pair; an exception becomes a failure with its reason.
 
     Args:
-        contestant: the method.
+        method: to be asked.
         pair: of which the method sees all but the truth.
         start: the prediction whose coarse pose the method starts from; needed if it has
             ``start_from``.
         folder: takes the correspondences of a method that has some.
     """
-    failed = Prediction(pair.name, contestant.name, contestant.settings_hash, time_s=0.0)
+    failed = Prediction(pair.name, method.name, method.settings_hash, time_s=0.0)
     task = Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
-    if contestant.start_from:
+    if method.start_from:
         T_start = start.pose("coarse") if start is not None else None
         if T_start is None:
-            return replace(
-                failed, error=f"{contestant.start_from} gave no coarse pose to start from"
-            )
+            return replace(failed, error=f"{method.start_from} gave no coarse pose to start from")
         task = replace(task, T_target_source_start=T_start)
     started = time.perf_counter()
     try:
-        estimate = contestant.run(task)
+        estimate = method.run(task)
         # A child's start and the way of the points to it are not the method's time.
         time_s = time.perf_counter() - started if estimate.time_s is None else estimate.time_s
         prediction = replace(failed, time_s=time_s, **_fields(estimate))
@@ -179,7 +175,7 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
         "T_target_source_coarse": _matrix(estimate.T_target_source_coarse),
         "status": estimate.status,
         "confidence": estimate.confidence,
-        "lead": estimate.lead,
+        "margin": estimate.margin,
         "reason": estimate.reason,
     }
 

@@ -25,6 +25,7 @@ import numpy as np
 from skipnet.benchmark.methods import Method, Task, make_method
 from skipnet.benchmark.options import EvaluateConfig
 from skipnet.benchmark.scoring.measurement import Measurement
+from skipnet.checks import require
 from skipnet.geometry import pose_error
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import check_families
@@ -71,10 +72,11 @@ def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str
 
 def _check(config: EvaluateConfig, path: Path) -> None:
     """Refuse what cannot be measured, before anything is."""
+    require(bool(config.methods), "methods", [], "at least one, methods=[NAME,NAME]")
     check_families(config.speed.families)
     SPEED.take(config.pairs, skip=config.seed)
-    for name in config.methods:
-        before = config.variants[name].start_from
+    for name, method in config.methods.items():
+        before = method.start_from
         if before:
             raise ValueError(
                 f"methods: {name} starts from the pose of {before}, and benchmark=speed times "
@@ -169,7 +171,7 @@ def peak_bytes(recipe: tuple[str, Mapping[str, Any]], pair: Pair, small: Pair) -
     """Peak memory of one call beyond its input, in a process of its own; None if it died.
 
     Args:
-        recipe: adapter and options of the method.
+        recipe: path of the function that makes the method, and its options.
         pair: to register.
         small: registered before, so that modules loaded late do not count.
     """
@@ -223,13 +225,13 @@ def _memory_bytes() -> tuple[int, int]:
 
 
 def _recipe(config: EvaluateConfig, name: str, family: str) -> tuple[str, Mapping[str, Any]]:
-    """Adapter and options of a method for one family."""
-    variant = config.variants[name]
-    options = dict(variant.options)
+    """What makes a method for one family, and its options there."""
+    method = config.methods[name]
+    options = dict(method.options)
     voxel_size_m = config.speed.voxels_m.get(family, {}).get(name)
     if voxel_size_m is not None:
         options["voxel_size_m"] = voxel_size_m
-    return variant.adapter, options
+    return method.make, options
 
 
 def _most_points(config: EvaluateConfig, name: str) -> float:

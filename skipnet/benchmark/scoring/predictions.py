@@ -35,7 +35,7 @@ class Prediction:
     """Pose before fine alignment; None if there is none."""
     status: str = "failed"
     confidence: float | None = None
-    lead: float | None = None
+    margin: float | None = None
     reason: str = ""
     error: str | None = None
     """Why there is no pose: the exception, or the time limit; None if the method answered."""

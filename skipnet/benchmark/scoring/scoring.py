@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.benchmark.datasets import PairSet
+from skipnet.benchmark.datasets.pairset import PairSet
 from skipnet.benchmark.options import ProtocolKind
 from skipnet.benchmark.scoring.predictions import Prediction, load_correspondences
 from skipnet.benchmark.scoring.protocols import right_by_rule
@@ -47,7 +47,7 @@ class ScoreRow:
     """Of all the method's stages."""
     status: str
     confidence: float | None
-    lead: float | None
+    margin: float | None
     """By what share of its own score the pose beats its best rival."""
     overlap: float | None
     source_points: int
@@ -105,7 +105,7 @@ class Scorer:
             total_s=total_s,
             status=prediction.status,
             confidence=prediction.confidence,
-            lead=prediction.lead,
+            margin=prediction.margin,
             overlap=scene.overlap,
             source_points=len(pair.source_m),
             target_points=len(pair.target_m),
@@ -170,10 +170,8 @@ def score_predictions(
     return rows
 
 
-def choose_variants(
-    rows: Sequence[ScoreRow], group_of: dict[str, str]
-) -> dict[tuple[str, str], str]:
-    """For each group and set the most successful variant; ties go to the smaller median error.
+def choose_best(rows: Sequence[ScoreRow], group_of: dict[str, str]) -> dict[tuple[str, str], str]:
+    """For each group and set the most successful method; ties go to the smaller median error.
 
     It is chosen with the truth in hand, so it flatters.
 
@@ -183,20 +181,20 @@ def choose_variants(
     """
     chosen = {}
     for group in dict.fromkeys(group_of.values()):
-        variants = [method for method in group_of if group_of[method] == group]
+        members = [method for method in group_of if group_of[method] == group]
         for name in dict.fromkeys(row.set for row in rows):
-            of = {v: [r for r in rows if (r.method, r.set) == (v, name)] for v in variants}
-            chosen[group, name] = max(variants, key=lambda variant: _merit(of[variant]))
+            of = {v: [r for r in rows if (r.method, r.set) == (v, name)] for v in members}
+            chosen[group, name] = max(members, key=lambda method: _merit(of[method]))
     return chosen
 
 
 def best_of_groups(rows: Sequence[ScoreRow], chosen: dict[tuple[str, str], str]) -> list[ScoreRow]:
-    """The rows of the chosen variants once more, with their group as the method."""
+    """The rows of the chosen methods once more, with their group as the method."""
     return [
         replace(row, method=group)
-        for (group, name), variant in chosen.items()
+        for (group, name), method in chosen.items()
         for row in rows
-        if (row.method, row.set) == (variant, name)
+        if (row.method, row.set) == (method, name)
     ]
 
 

@@ -78,8 +78,8 @@ def _summarise_one(rows: list[ScoreRow], label: str) -> dict[str, Any]:
     entry["mean_of_successes"] = {
         name: _finite_mean([getattr(row, name) for row in right]) for name in MEASURES
     }
-    leads = [row.lead for row in rows if row.lead is not None]
-    entry["median_lead"] = _median(leads) if leads else None
+    margins = [row.margin for row in rows if row.margin is not None]
+    entry["median_margin"] = _median(margins) if margins else None
     entry |= _correspondence_scores(rows)
     entry["mean"] = {name: _finite_mean([getattr(row, name) for row in rows]) for name in MEASURES}
     entry["largest"] = {name: _finite(max(getattr(row, name) for row in rows)) for name in MEASURES}
