@@ -14,6 +14,8 @@ def train(config: TrainConfig) -> dict[str, Any]:
     """Run the experiment that ``config`` describes, print its table and return its summary."""
     if config.network is NetworkKind.two_heads:
         from skipnet.training.experiments.both_heads import train_both_heads as run_experiment
+    elif config.network is NetworkKind.deep:
+        from skipnet.training.experiments.deep_descriptor import train_deep as run_experiment
     else:
         from skipnet.training.experiments.classes_alone import run_experiment
 

@@ -16,28 +16,40 @@ from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.storage import replacing, write_text
 from skipnet.types import FloatArray
 
-ARCHITECTURES: dict[str, Callable[[dict[str, FloatArray], dict[str, Any]], Model]] = {
-    SmallNetwork.architecture: SmallNetwork,
+
+def _deep(weights: dict[str, FloatArray], card: dict[str, Any], device: str) -> Model:
+    from skipnet.networks.torch_network import TorchNetwork
+
+    return TorchNetwork(weights, card, device)
+
+
+ARCHITECTURES: dict[str, Callable[[dict[str, FloatArray], dict[str, Any], str], Model]] = {
+    SmallNetwork.architecture: lambda weights, card, device: SmallNetwork(weights, card),
+    "deep": _deep,
 }
-"""What makes a network of weights and card, by the card's "architecture"."""
+"""What makes a network of weights and card on a device, by the card's "architecture"."""
 
 
-def find_network(network: str = SHIPPED) -> Model:
+def find_network(network: str = SHIPPED, device: str = "cpu") -> Model:
     """A network by its name, "shipped" or another that the package holds, or by its file.
 
     A file is read once, as long as it stays as it is.
+
+    Args:
+        network: name or path.
+        device: where a network computes that torch computes: "cpu", "cuda" or "mps".
 
     Raises:
         ValueError: neither a name nor a file, or a file that holds no such network whole.
         FileNotFoundError: a file without its card.
     """
     path = weights_file(network)
-    return _read_once(path.resolve(), path.stat().st_mtime_ns)
+    return _read_once(path.resolve(), path.stat().st_mtime_ns, device)
 
 
 @lru_cache(maxsize=8)
-def _read_once(path: Path, changed_ns: int) -> Model:
-    return load_network(path)
+def _read_once(path: Path, changed_ns: int, device: str) -> Model:
+    return load_network(path, device)
 
 
 def rounded(weights: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -60,8 +72,8 @@ def save_network(weights: Mapping[str, FloatArray], card: Mapping[str, Any], pat
     write_text(path.with_suffix(".json"), json.dumps(signed, indent=2) + "\n")
 
 
-def load_network(path: Path) -> Model:
-    """Read weights and card.
+def load_network(path: Path, device: str = "cpu") -> Model:
+    """Read weights and card; see ``find_network``.
 
     Raises:
         FileNotFoundError: no weights or no card there.
@@ -86,6 +98,6 @@ def load_network(path: Path) -> Model:
         known = " or ".join(ARCHITECTURES)
         raise ValueError(f"{card_path}: architecture is {card.get('architecture')}, not {known}")
     try:
-        return make(weights, card)
+        return make(weights, card, device)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error

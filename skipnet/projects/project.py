@@ -121,7 +121,8 @@ def _describe_all(
     ]
     clouds_m = [clean(cloud_m, config) for cloud_m, _ in given]
     found = [viewpoint for _, viewpoint in given]
-    return describe(clouds_m, found, voxel_size_m, seed, find_network(config.network))
+    network = find_network(config.network, config.device)
+    return describe(clouds_m, found, voxel_size_m, seed, network)
 
 
 def _trust(pair: Registration) -> tuple[float, float]:

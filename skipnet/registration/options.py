@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum
 
-from skipnet.checks import require
+from skipnet.checks import check_known, require
 from skipnet.networks.names import SHIPPED, weights_file
 
 
@@ -39,6 +39,8 @@ class RegistrationConfig:
     network: str = SHIPPED
     """What recognises and classifies voxels: shipped, another name, or the path of a file of
     weights that ``train.py`` wrote."""
+    device: str = "cpu"
+    """Where a network computes that needs torch: cpu, cuda or mps. The shipped one needs none."""
     denoise: bool = False
     """Drop outliers first, as the paper does. Effective voxels do without."""
     denoise_neighbours: int = 4
@@ -61,6 +63,7 @@ class RegistrationConfig:
     def __post_init__(self) -> None:
         require(bool(self.generators), "generators", self.generators, "at least one generator")
         weights_file(self.network, "network")
+        check_known("device", self.device, ("cpu", "cuda", "mps"))
         known = all(isinstance(generator, Generator) for generator in self.generators)
         require(known, "generators", self.generators, "members of Generator")
         for name in ("denoise_sigma", "feature_weight", "violation_weight"):

@@ -74,7 +74,7 @@ def register(
         source_m, target_m = clean(source_m, config), clean(target_m, config)
     with clock("skip-map"):
         viewpoints = source_viewpoint, target_viewpoint
-        network = find_network(config.network)
+        network = find_network(config.network, config.device)
         scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed, network)
     return register_scans(scans[0], scans[1], config, clock)
 

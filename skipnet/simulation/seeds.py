@@ -62,6 +62,10 @@ CLASS_VALIDATION = SeedRange("validation of the classes", 1000, 1000)
 CLASS_TEST = SeedRange("test of the classes", 2000, 1000)
 DESCRIPTOR_VALIDATION = SeedRange("validation of the descriptor", 10_000, 1000)
 DESCRIPTOR_TEST = SeedRange("test of the descriptor", 20_000, 1000)
+DEEP_VALIDATION = SeedRange("validation of the deep network", 21_000, 1000)
+DEEP_TEST = SeedRange("test of the deep network", 22_000, 1000)
+DEEP_TRAINING = SeedRange("training of the deep network", 24_000, 26_000)
+"""Numbers of the factory of training pairs, and the scenes they show."""
 CALIBRATION = SeedRange("calibration", 50_000, 1000, tries=12)
 """What the verdict's confidence is fitted on."""
 TUNING = SeedRange("tuning", 62_000, 38_000)
@@ -80,6 +84,7 @@ DEMO = SeedRange("demo", 170_000, 10_000)
 
 RANGES = (
     *(TRAINING, CLASS_VALIDATION, CLASS_TEST, DESCRIPTOR_VALIDATION, DESCRIPTOR_TEST),
+    *(DEEP_VALIDATION, DEEP_TEST, DEEP_TRAINING),
     *(CALIBRATION, TUNING),
     *(BENCHMARK, SPEED, OVERLAP, VIGILANCE, VIGILANCE_APART, ACCURACY, PROJECTS, DEMO),
 )

@@ -7,7 +7,9 @@ optimiser it holds.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import torch
@@ -15,17 +17,27 @@ import torch
 Closure = Callable[[], torch.Tensor]
 OptimizerFactory = Callable[..., torch.optim.Optimizer]
 """Called with the parameters to optimise."""
+_HOMES = {"torch.optim": torch.optim, __name__: sys.modules[__name__]}
+"""Where optimisers are looked for."""
+_EXPECTED = " or ".join(f"{home}.NAME" for home in _HOMES)
 
 
 def find_optimizer(options: Mapping[str, Any]) -> OptimizerFactory:
     """The optimiser that ``_target_`` names, with the other options as its arguments.
 
-    Raises:
-        ValueError: it has no such argument, or cannot take such a value.
-    """
-    from hydra.utils import instantiate
+    Nothing else can be named there: a configuration may come from anywhere.
 
-    make: OptimizerFactory = instantiate(options)
+    Raises:
+        ValueError: it is none of ``torch.optim`` or of this module, has no such argument, or cannot
+            take such a value.
+    """
+    target = str(options.get("_target_"))
+    home, _, name = target.rpartition(".")
+    found = vars(_HOMES[home]).get(name) if home in _HOMES else None
+    if not (isinstance(found, type) and issubclass(found, torch.optim.Optimizer)):
+        raise ValueError(f"optimizer._target_={target}: expected an optimiser of {_EXPECTED}")
+    arguments = {k: v for k, v in options.items() if k not in ("_target_", "_partial_")}
+    make: OptimizerFactory = partial(found, **arguments)
     try:
         make([torch.nn.Parameter(torch.zeros(1, dtype=torch.float64))])
     except (TypeError, ValueError) as error:

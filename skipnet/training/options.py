@@ -8,6 +8,7 @@ from typing import Any
 
 from skipnet.checks import require
 from skipnet.training.data.options import DataConfig, PatchKind, Split
+from skipnet.training.deep_options import DeepTrainConfig
 
 
 class Activation(Enum):
@@ -31,6 +32,8 @@ class NetworkKind(Enum):
     """The one that ships: classes and descriptor."""
     classes = "classes"
     """For the classes alone, as the paper's."""
+    deep = "deep"
+    """For correspondences alone, from a factory of pairs that feeds it as it learns."""
 
 
 class Device(Enum):
@@ -174,9 +177,11 @@ class TrainConfig:
     """Its name in reports."""
     network: NetworkKind = NetworkKind.two_heads
     """two_heads, or classes alone, as the paper's; hidden_sizes, activation, input_scaling and what
-    says when to stop belong to the latter, descriptor.* to the former."""
+    says when to stop belong to the latter, descriptor.* to the former; deep.* to deep."""
     descriptor: DescriptorTrainConfig = field(default_factory=DescriptorTrainConfig)
     """How to train both heads."""
+    deep: DeepTrainConfig = field(default_factory=DeepTrainConfig)
+    """How to train the deep network."""
     data: DataConfig = field(default_factory=DataConfig)
     """What to learn the classes from."""
     hidden_sizes: list[int] = field(default_factory=lambda: [192, 96])

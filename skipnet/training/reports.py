@@ -5,30 +5,25 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 
 from skipnet.features.patches import build_patches
 from skipnet.metrics import correspondences as judging
-from skipnet.metrics.classes import confusion_matrix, macro_f1
 from skipnet.metrics.correspondences import TwoScans
 from skipnet.networks.model import Model
-from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.simulation.seeds import CLASS_TEST
 from skipnet.storage import replacing, write_text
-from skipnet.training.data.labelled import Recipe, Samples, label_scene
+from skipnet.training.data.labelled import Labelling, Samples, label_scene
 from skipnet.training.data.pairs import PatchPairs
-from skipnet.training.networks.cyclic import DescriptorNetwork
-from skipnet.training.networks.perceptron import Classifier, PatchNetwork, classify
-from skipnet.training.options import TrainConfig
+from skipnet.training.networks.perceptron import Classifier, classify
+from skipnet.training.options import NetworkKind, TrainConfig
+from skipnet.training.schedule import Record
 from skipnet.training.scores import CLASS_NAMES, table_rows
-from skipnet.training.tasks.descriptor import Watch
-from skipnet.training.trainer import EpochRecord
+from skipnet.training.task import Judgement
 from skipnet.types import FeatureClass, IntArray
 from skipnet.viz import dashboard, pictures
 
@@ -37,8 +32,8 @@ if TYPE_CHECKING:
 
 PICTURE_SEED = CLASS_TEST.scene(0)
 """Scene of the Skip-maps in TensorBoard: the first one of the test."""
-_DRAWN_EPOCHS = 10
-"""The confusion matrix is drawn every so many epochs."""
+_DRAWN_ROUNDS = 10
+"""The confusion matrix is drawn every so many rounds."""
 _LOGGED_STEPS = 50
 _SHOWN_PLACES = 300
 """Places of one pair of scans whose descriptors TensorBoard's projector shows."""
@@ -53,39 +48,30 @@ def plain(config: TrainConfig) -> dict[str, Any]:
 
 
 def for_card(config: TrainConfig) -> dict[str, Any]:
-    """As ``plain``, without where the run was written: weights do not depend on it."""
-    return {name: value for name, value in plain(config).items() if name != "output_dir"}
+    """As ``plain``, without what the weights do not depend on."""
+    deep = config.network is NetworkKind.deep
+    others = {"output_dir", *(("descriptor", "data") if deep else ("deep",))}
+    return {name: value for name, value in plain(config).items() if name not in others}
 
 
-def log_epoch(
-    writer: SummaryWriter,
-    validation: Samples,
-    record: EpochRecord,
-    network: PatchNetwork,
-    group: str = "",
-) -> None:
-    """Losses; on the validation set accuracy, F1, recalls and, now and then, the matrix.
+def log_round(writer: SummaryWriter, record: Record, judgement: Judgement, group: str = "") -> None:
+    """The training's loss, all figures of the validation set and, now and then, the confusion.
 
     ``group`` comes before every name, to tell them from those of another training in one folder.
     """
-    like = network.input_gain
-    patches = torch.as_tensor(validation.patches, dtype=like.dtype, device=like.device)
-    with torch.no_grad():
-        predicted = network(patches).argmax(dim=1).cpu().numpy()
-    counts = confusion_matrix(validation.labels, predicted)
-    recalls = np.diag(counts) / np.maximum(counts.sum(axis=1), 1)
-    values = {
-        "loss/training": record.training_loss,
-        "loss/validation": record.validation_loss,
-        "accuracy/validation": float(np.trace(counts) / counts.sum()),
-        "macro_f1/validation": macro_f1(counts),
-        **{f"recall/{name}": float(r) for name, r in zip(CLASS_NAMES, recalls, strict=True)},
-    }
-    values = {f"{group}{name}": value for name, value in values.items()}
-    dashboard.log_scalars(writer, values, record.epoch)
-    if record.epoch % _DRAWN_EPOCHS == 0 and record.epoch <= 10 * _DRAWN_EPOCHS:
-        figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)
-        dashboard.log_figure(writer, f"{group}confusion/validation", figure, record.epoch)
+    number = record.step if judgement.confusion is None else record.round
+    values = {"loss/training": record.training_loss, **judgement.figures}
+    dashboard.log_scalars(writer, {f"{group}{n}": value for n, value in values.items()}, number)
+    drawn = record.round % _DRAWN_ROUNDS == 0 and record.round <= 10 * _DRAWN_ROUNDS
+    if judgement.confusion is not None and drawn:
+        figure = pictures.draw_confusion_matrix(judgement.confusion, CLASS_NAMES)
+        dashboard.log_figure(writer, f"{group}confusion/validation", figure, number)
+
+
+def log_step(writer: SummaryWriter, step: int, loss: float) -> None:
+    """The loss of a batch, now and then."""
+    if step % _LOGGED_STEPS == 0:
+        dashboard.log_scalars(writer, {"loss/batch": loss}, step)
 
 
 def log_results(
@@ -108,14 +94,16 @@ def log_results(
     dashboard.log_hyperparameters(writer, parameters, scores)
 
 
-def log_skipmap(writer: SummaryWriter, recipe: Recipe, classifier: Classifier, family: str) -> None:
+def log_skipmap(
+    writer: SummaryWriter, labelling: Labelling, classifier: Classifier, family: str
+) -> None:
     """The Skip-map of a test scan in 3D: by curvature, by true class, by the network's class."""
-    scan = label_scene(family, PICTURE_SEED, recipe, np.random.default_rng(PICTURE_SEED))[0]
+    scan = label_scene(family, PICTURE_SEED, labelling, np.random.default_rng(PICTURE_SEED))[0]
     centroids_m = scan.skipmap.centroids_m
     dashboard.log_skipmap_by_curvature(
         writer, "skipmap/curvature", centroids_m, scan.skipmap.curvatures
     )
-    patches = build_patches(scan.skipmap, scan.voxels, recipe.patch)
+    patches = build_patches(scan.skipmap, scan.voxels, labelling.patch)
     predicted = classify(classifier, patches).argmax(axis=1)
     for name, labels in (("true_class", scan.labels), ("network_class", predicted)):
         classes = np.full(len(centroids_m), int(FeatureClass.PLANE))
@@ -150,35 +138,6 @@ def markdown_table(rows: list[dict[str, Any]]) -> str:
         cells += ["-" if np.isnan(row[name]) else f"{row[name]:.3f}" for name in names]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Shows in TensorBoard how training goes, and scores the network on unseen scans."""
-
-    writer: SummaryWriter
-    unseen: Sequence[judging.Keypoints]
-
-    def watch(self) -> Watch:
-        """What ``train_network`` reports to."""
-        return Watch(score=self.score, on_step=self.log_loss)
-
-    def log_loss(self, step: int, loss: float) -> None:
-        """The loss, now and then."""
-        if step % _LOGGED_STEPS == 0:
-            dashboard.log_scalars(self.writer, {"loss/training": loss}, step)
-
-    def score(self, step: int, network: DescriptorNetwork) -> float:
-        """Mean inlier ratio on the unseen scans; also logged, with the share of matched pairs."""
-        descriptor = SmallNetwork(network.arrays(), {})
-        ratios = np.array([keypoints.inlier_ratio(descriptor) for keypoints in self.unseen])
-        matched = (ratios >= judging.ENOUGH_INLIERS).mean()
-        values = {
-            "inlier_ratio/validation": float(ratios.mean()),
-            "matched_pairs/validation": float(matched),
-        }
-        dashboard.log_scalars(self.writer, values, step)
-        return float(ratios.mean())
 
 
 def judge_on_unseen(

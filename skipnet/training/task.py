@@ -1,63 +1,58 @@
-"""What a training learns from, and the loss of the paper."""
+"""What a trainer asks of a task: batches, their loss, and a score on what was not learned."""
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
 
-import numpy as np
 import torch
-from torch.nn.functional import cross_entropy
+from torch import nn
 
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import IntArray
 
-Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
-"""(N, 125) patches, (N,) labels, (N,) weights of mean 1."""
+AnyNetwork = TypeVar("AnyNetwork", bound=nn.Module, contravariant=True)
 
 
 @dataclass(frozen=True)
-class TrainingSet:
-    """What a network is fitted to, or watched on."""
+class Judgement:
+    """How well a network does on the validation set."""
 
-    patches: FloatArray
-    """(N, 125)."""
-    labels: IntArray
-    """(N,) classes."""
-    weights: FloatArray | None = None
-    """(N,) how much each sample's loss counts; only ratios matter. None counts all alike."""
-
-    def digest(self) -> str:
-        """Hash of it."""
-        sha = hashlib.sha256()
-        for values in (self.patches, self.labels, self.weights):
-            sha.update(b"none" if values is None else np.ascontiguousarray(values).tobytes())
-        return sha.hexdigest()[:16]
-
-    def tensors(self, dtype: torch.dtype) -> Batch:
-        """Patches, labels and weights of mean 1.
-
-        Raises:
-            ValueError: no samples, or not one label for each.
-        """
-        count = len(self.labels)
-        if count == 0 or len(self.patches) != count:
-            raise ValueError(
-                f"need one label per patch, got {count} labels for {len(self.patches)} patches"
-            )
-        weights = np.ones(count) if self.weights is None else self.weights / self.weights.mean()
-        return (
-            torch.as_tensor(self.patches, dtype=dtype),
-            torch.as_tensor(self.labels, dtype=torch.int64),
-            torch.as_tensor(weights, dtype=dtype),
-        )
+    score: float
+    """The higher, the better; the weights of the highest one are kept."""
+    figures: dict[str, float] = field(default_factory=dict)
+    """By their names in TensorBoard."""
+    confusion: IntArray | None = None
+    """(5, 5) counts[true, predicted], of a network for the classes."""
 
 
-def matlab_cross_entropy(
-    logits: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor | None = None
-) -> torch.Tensor:
-    """MATLAB's ``crossentropy``: the mean over outputs x samples, a fifth of PyTorch's for five.
+class Task(Protocol[AnyNetwork]):
+    """What a network learns."""
 
-    ``weights`` (N,) multiply each sample's loss; leave them out for weights of 1.
-    """
-    loss = cross_entropy(logits, labels, reduction="none")
-    return (loss if weights is None else loss * weights).mean() / logits.shape[1]
+    @property
+    def identity(self) -> str:
+        """What tells it from any other: options, seed and hash of the samples."""
+
+    @property
+    def takes_all(self) -> bool:
+        """Whether every step sees all samples, so that the loss is one and the same function."""
+
+    def prepare(self, network: AnyNetwork, device: torch.device) -> None:
+        """Take the scaling of the network's inputs from the samples, and bring these to it."""
+
+    def first_loss(self, network: AnyNetwork) -> float | None:
+        """The loss of all samples, which makes a round 0; None where that is not asked for."""
+
+    def draw(self, step: int) -> tuple[Any, int]:
+        """The batch of the step that comes after ``step`` others, and how much its loss counts."""
+
+    def loss(self, network: AnyNetwork, batch: Any) -> torch.Tensor:
+        """Mean loss of a batch, to be minimised."""
+
+    def judge(self, network: AnyNetwork) -> Judgement:
+        """Score a network on the validation set; called without gradients, dropout off."""
+
+    def state(self) -> dict[str, Any]:
+        """What the next draws depend on beside the step, in plain values and tensors."""
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Go on from there."""

@@ -1,196 +1,188 @@
-"""Train a classifier until one of MATLAB's stopping rules holds, and say which one it was."""
+"""One training loop for every task and network: rounds of steps, judged, written, resumable.
+
+Training can be interrupted: what it needs to go on is in one checkpoint, and a run that was stopped
+and resumed ends with the same weights, to the bit, as one that was not.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
+from torch import nn
 
+from skipnet.networks.devices import CPU, fixed_threads
+from skipnet.parallel.pools import keep_freed_memory
 from skipnet.training.checkpoints import load_checkpoint, save_checkpoint
-from skipnet.training.devices import CPU
-from skipnet.training.networks.perceptron import PatchNetwork
 from skipnet.training.optimizers import OptimizerFactory, ScaledConjugateGradient
-from skipnet.training.stopping import EpochRecord, StoppingRules, Watch
-from skipnet.training.task import Batch, TrainingSet, matlab_cross_entropy
+from skipnet.training.schedule import Record, Schedule
+from skipnet.training.task import Judgement, Task
+
+Network = TypeVar("Network", bound=nn.Module)
+
+_KEPT = ("step", "best_round", "best_score", "best_state", "fails", "stop_reason")
+"""What a checkpoint holds of the progress beside the history."""
 
 
 @dataclass(frozen=True)
-class TrainingOutcome:
-    """What training reached. The network itself holds the weights of ``best_epoch``."""
+class Outcome(Generic[Network]):
+    """What training reached."""
 
+    network: Network
+    """With the weights of the best round, on the CPU, dropout off."""
     stop_reason: str
-    best_epoch: int
-    history: list[EpochRecord]
-
-    @property
-    def best(self) -> EpochRecord:
-        """The record of the epoch whose weights were kept."""
-        return self.history[self.best_epoch]
+    history: list[Record]
+    best: Record
+    """Of the round whose weights were kept."""
 
 
-def train_network(
-    network: PatchNetwork,
-    training: TrainingSet,
-    validation: TrainingSet,
-    make_optimizer: OptimizerFactory,
-    rules: StoppingRules,
-    *,
-    batch_size: int | None = None,
-    cosine_decay: bool = False,
-    scaling: str = "minmax",
-    seed: int = 0,
-    on_epoch: Callable[[EpochRecord, PatchNetwork], None] | None = None,
-    checkpoint: Path | None = None,
-    device: torch.device = CPU,
-) -> TrainingOutcome:
-    """Fit ``network`` in place; it ends on the CPU, with the weights of the lowest validation loss.
+class Trainer(Generic[Network]):
+    """Fits a network to a task.
 
     Args:
-        network: its input scaling is taken from the training patches; its dtype is the precision.
-        training: the samples to fit.
-        validation: the samples that decide when to stop.
-        make_optimizer: called with the network's parameters.
-        rules: when to stop.
-        batch_size: samples per step; None takes the whole set at once, as MATLAB does.
-        cosine_decay: let the learning rate fall to 0 along half a cosine over all epochs.
-        scaling: of the inputs, see ``PatchNetwork.fit_scaling``.
-        seed: of the order of the mini-batches.
-        on_epoch: called after every epoch with its record and the network as it then is.
-        checkpoint: file to go on from, if it exists, and to write after every epoch; None for none.
-        device: where to compute.
+        task: what to learn.
+        network: as it starts; trained in place.
+        make_optimizer: called with the network's parameters. Its learning rate is the highest one.
+        schedule: of the steps.
+        checkpoint: file to go on from where it exists, and to write after every round; None keeps
+            nothing.
+        device: where to compute; on the CPU the same arguments give the same weights.
+        on_step: called after every step with its number from 1 and its loss.
+        on_round: called after every round.
 
     Raises:
-        ValueError: mini-batches with scaled conjugate gradient, which needs one fixed function, or
-            the checkpoint of another training.
+        ValueError: an optimiser that needs all samples in every step, and a task of mini-batches.
     """
-    dtype = network.input_gain.dtype
-    train_set, validation_set = training.tensors(dtype), validation.tensors(dtype)
-    network.fit_scaling(train_set[0], scaling)
-    network.to(device)
-    train_set, validation_set = (_moved(part, device) for part in (train_set, validation_set))
-    optimizer = make_optimizer(network.parameters())
-    if batch_size is not None and isinstance(optimizer, ScaledConjugateGradient):
-        raise ValueError("scaled conjugate gradient needs the full batch; set batch_size=null")
-    schedule = _cosine_schedule(optimizer, rules.epochs if cosine_decay else None)
-    order = torch.Generator().manual_seed(seed)
-    run = _Run(network, optimizer, schedule, order, Watch(rules))
-    options = f"{network} {optimizer} {rules} {batch_size} {scaling} seed {seed}"
-    identity = f"{options} data {training.digest()} {validation.digest()}"
-    if checkpoint is not None and checkpoint.exists():
-        run.load(load_checkpoint(checkpoint, identity, device))
-    else:
-        run.start(train_set, validation_set)
-    while run.watch.stop_reason is None:
-        record = run.advance(train_set, validation_set, batch_size)
-        if on_epoch is not None:
-            on_epoch(record, network)
-        if checkpoint is not None:
-            save_checkpoint(checkpoint, identity, run.state())
-    network.load_state_dict(run.watch.best_state)
-    network.cpu()
-    return TrainingOutcome(run.watch.stop_reason, run.watch.best_epoch, run.watch.history)
 
+    def __init__(
+        self,
+        task: Task[Network],
+        network: Network,
+        make_optimizer: OptimizerFactory,
+        schedule: Schedule,
+        checkpoint: Path | None = None,
+        device: torch.device = CPU,
+        on_step: Callable[[int, float], None] = lambda step, loss: None,
+        on_round: Callable[[Record, Judgement], None] = lambda record, judgement: None,
+    ) -> None:
+        self.task, self.network, self.schedule = task, network, schedule
+        self.checkpoint, self.device = checkpoint, device
+        self.on_step, self.on_round = on_step, on_round
+        task.prepare(network, device)
+        network.to(device)
+        self.optimizer = make_optimizer(network.parameters())
+        if isinstance(self.optimizer, ScaledConjugateGradient) and not task.takes_all:
+            raise ValueError(
+                "scaled conjugate gradient needs all samples at once; choose another optimizer, "
+                "or batch_size=null with network=classes"
+            )
+        self._rates = [group.get("lr") for group in self.optimizer.param_groups]
+        self._identity = f"{network} {self.optimizer} {schedule} {task.identity}"
+        self._history: list[Record] = []
+        self.step = self.best_round = self.fails = 0
+        self.best_score = -math.inf
+        self.best_state: dict[str, torch.Tensor] = {}
+        self.stop_reason: str | None = None
 
-@dataclass
-class _Run:
-    """All that changes while a network learns."""
+    def run(self) -> Outcome[Network]:
+        """Learn until the schedule has a reason to stop.
 
-    network: PatchNetwork
-    optimizer: torch.optim.Optimizer
-    schedule: torch.optim.lr_scheduler.LambdaLR
-    order: torch.Generator
-    watch: Watch
+        Raises:
+            ValueError: the checkpoint of another training.
+        """
+        keep_freed_memory()
+        with fixed_threads():
+            if self.checkpoint is not None and self.checkpoint.exists():
+                self._load(load_checkpoint(self.checkpoint, self._identity, self.device))
+            else:
+                self._begin()
+            while self.stop_reason is None:
+                self._round()
+        self.network.load_state_dict(self.best_state)
+        best = next(record for record in self._history if record.round == self.best_round)
+        return Outcome(self.network.cpu().eval(), self.stop_reason, self._history, best)
 
-    def start(self, training: Batch, validation: Batch) -> None:
-        """Record how the network does before it has learned anything."""
-        network = self.network.eval()
-        self.watch.see(network, _loss(network, training), _loss(network, validation), math.inf)
+    def _begin(self) -> None:
+        """Note how the network does before it has learned anything, where the task asks for it."""
+        self.network.eval()
+        with torch.no_grad():
+            loss = self.task.first_loss(self.network)
+            if loss is not None:
+                self._note(loss, math.inf, self.task.judge(self.network))
 
-    def advance(self, training: Batch, validation: Batch, batch_size: int | None) -> EpochRecord:
-        """One pass over the training set."""
-        network, optimizer = self.network, self.optimizer
-        loss = 0.0
-        network.train()
-        for batch in _batches(training, batch_size, self.order):
-            share = len(batch[1]) / len(training[1])
-            loss += share * _step(network, optimizer, batch)
-        network.eval()
-        self.schedule.step()
-        gradient = _gradient_norm(network, optimizer) if batch_size is None else math.inf
-        return self.watch.see(network, loss, _loss(network, validation), gradient)
+    def _round(self) -> None:
+        """Learn for a round, judge the network and write the checkpoint."""
+        self.network.train()
+        summed, counted = 0.0, 0
+        for _ in range(self.schedule.steps_from(self.step)):
+            batch, count = self.task.draw(self.step)
+            loss = self._step(batch)
+            summed, counted, self.step = summed + count * loss, counted + count, self.step + 1
+            self.on_step(self.step, loss)
+        self.network.eval()
+        with torch.no_grad():
+            judgement = self.task.judge(self.network)
+        self.on_round(self._note(summed / counted, self._gradient_norm(), judgement), judgement)
+        if self.checkpoint is not None:
+            save_checkpoint(self.checkpoint, self._identity, self._state())
 
-    def state(self) -> dict[str, Any]:
-        """What ``load`` takes, in plain values and tensors."""
+    def _step(self, batch: Any) -> float:
+        """Do one step; its loss."""
+        share = self.schedule.share(self.step)
+        for group, rate in zip(self.optimizer.param_groups, self._rates, strict=True):
+            if rate is not None:
+                group["lr"] = rate * share
+
+        def closure() -> torch.Tensor:
+            """The loss of the batch and its gradient."""
+            self.optimizer.zero_grad()
+            loss = self.task.loss(self.network, batch)
+            loss.backward()
+            return loss
+
+        return torch.as_tensor(self.optimizer.step(closure)).item()  # type: ignore[arg-type]
+
+    def _note(self, loss: float, gradient: float, judgement: Judgement) -> Record:
+        """Keep the record of a round, and the weights when they are the best so far."""
+        rounds = self._history[-1].round + 1 if self._history else int(self.step > 0)
+        record = Record(rounds, self.step, loss, judgement.score, gradient)
+        self._history.append(record)
+        if record.score > self.best_score or not self.best_state:
+            self.best_round, self.best_score, self.fails = record.round, record.score, 0
+            self.best_state = {n: value.clone() for n, value in self.network.state_dict().items()}
+        elif record.score < self.best_score:
+            self.fails += 1
+        self.stop_reason = self.schedule.reason(record, self.fails)
+        return record
+
+    def _gradient_norm(self) -> float:
+        """Length of the gradient over all samples, where the last step has seen them all."""
+        if not self.task.takes_all:
+            return math.inf
+        if isinstance(self.optimizer, ScaledConjugateGradient):
+            return self.optimizer.gradient_norm()
+        gradients = [p.grad.norm() for p in self.network.parameters() if p.grad is not None]
+        return float(torch.stack(gradients).norm())
+
+    def _state(self) -> dict[str, Any]:
+        """What ``_load`` takes, in plain values and tensors."""
         return {
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
-            "schedule": self.schedule.state_dict(),
-            "order": self.order.get_state(),
-            "history": [astuple(record) for record in self.watch.history],
-            "watch": {name: getattr(self.watch, name) for name in Watch.KEPT},
+            "task": self.task.state(),
+            "history": [astuple(record) for record in self._history],
+            "progress": {name: getattr(self, name) for name in _KEPT},
         }
 
-    def load(self, state: dict[str, Any]) -> None:
+    def _load(self, state: dict[str, Any]) -> None:
         """Go on from there."""
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
-        self.schedule.load_state_dict(state["schedule"])
-        self.order.set_state(state["order"].cpu())
-        self.watch.history = [EpochRecord(*record) for record in state["history"]]
-        for name, value in state["watch"].items():
-            setattr(self.watch, name, value)
-
-
-def _moved(batch: Batch, device: torch.device) -> Batch:
-    patches, labels, weights = (values.to(device) for values in batch)
-    return patches, labels, weights
-
-
-def _batches(samples: Batch, size: int | None, generator: torch.Generator) -> Iterator[Batch]:
-    if size is None:
-        yield samples
-        return
-    shuffled = torch.randperm(len(samples[1]), generator=generator).to(samples[1].device)
-    for chosen in shuffled.split(size):
-        yield samples[0][chosen], samples[1][chosen], samples[2][chosen]
-
-
-def _step(network: PatchNetwork, optimizer: torch.optim.Optimizer, batch: Batch) -> float:
-    def closure() -> torch.Tensor:
-        """The batch's loss and its gradient."""
-        optimizer.zero_grad()
-        loss = matlab_cross_entropy(network(batch[0]), batch[1], batch[2])
-        loss.backward()
-        return loss
-
-    return torch.as_tensor(optimizer.step(closure)).item()  # type: ignore[arg-type]
-
-
-@torch.no_grad()
-def _loss(network: PatchNetwork, samples: Batch) -> float:
-    return float(matlab_cross_entropy(network(samples[0]), samples[1], samples[2]))
-
-
-def _gradient_norm(network: PatchNetwork, optimizer: torch.optim.Optimizer) -> float:
-    if isinstance(optimizer, ScaledConjugateGradient):
-        return optimizer.gradient_norm()
-    gradients = [p.grad.norm() for p in network.parameters() if p.grad is not None]
-    return float(torch.stack(gradients).norm())
-
-
-def _cosine_schedule(
-    optimizer: torch.optim.Optimizer, epochs: int | None
-) -> torch.optim.lr_scheduler.LambdaLR:
-    """A schedule to 0 over ``epochs``; None keeps the learning rate."""
-
-    def factor(epoch: int) -> float:
-        """Share of the learning rate that is left."""
-        return 1.0 if epochs is None else 0.5 * (1 + math.cos(math.pi * min(epoch / epochs, 1.0)))
-
-    for group in optimizer.param_groups:  # SCG has no learning rate; a schedule wants the name
-        group.setdefault("lr", 1.0)
-    return torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
+        self.task.load(state["task"])
+        self._history = [Record(*values) for values in state["history"]]
+        for name, value in state["progress"].items():
+            setattr(self, name, value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from skipnet.metrics.correspondences import (
 )
 from skipnet.networks.catalog import find_network, load_network, save_network
 from skipnet.networks.describing import classify_voxels, correspond, describe_keypoints
+from skipnet.networks.devices import find_device
 from skipnet.networks.names import SHIPPED_WEIGHTS
 from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.registration.options import Generator, RegistrationConfig
@@ -42,7 +44,6 @@ from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.training.data import labelled as dataset
 from skipnet.training.data.labelled import Samples
 from skipnet.training.data.pairs import PatchPairs, digest, make_patch_pairs, simulate_two_scans
-from skipnet.training.devices import find_device
 from skipnet.training.networks.cyclic import DescriptorNetwork, Strongest, Widths
 from skipnet.training.networks.losses import (
     Similarities,
@@ -54,26 +55,16 @@ from skipnet.training.networks.perceptron import PatchNetwork
 from skipnet.training.optimizers import ScaledConjugateGradient
 from skipnet.training.options import TrainConfig
 from skipnet.training.reports import predict
-from skipnet.training.tasks.classes import fit_class_head, head_arrays, with_hidden
-from skipnet.training.tasks.descriptor import (
-    Lessons,
-    Outcome,
-    Schedule,
-    Watch,
-    draw_batch,
-    train_network,
-)
-from skipnet.training.trainer import EpochRecord
+from skipnet.training.schedule import Record, Schedule
+from skipnet.training.task import Judgement
+from skipnet.training.tasks.classes import head_arrays, train_classifier, with_hidden
+from skipnet.training.tasks.descriptor import DescriptorTask, Lessons, StepPlan, draw_pairs
+from skipnet.training.trainer import Outcome, Trainer
 from skipnet.types import FloatArray
 
-SHORT = Schedule(
-    steps=30,
-    scans_per_step=1,
-    pairs_per_scans=64,
-    labelled=32,
-    temperature=0.07,
-    validate_every=10,
-)
+SHORT = Schedule(steps=30, round_steps=10, length="30 steps", rate="warm_cosine")
+PLAN = StepPlan(scans=1, pairs_per_scans=64, labelled=32, temperature=0.07)
+Step = Callable[[int, float], None]
 SMALL = Widths(sector=8, hidden=16, output=8, detail=8, joint=8)
 ADAM = partial(torch.optim.AdamW, lr=3e-3)
 
@@ -91,7 +82,7 @@ def training() -> list[PatchPairs]:
 
 @pytest.fixture(scope="module")
 def labelled() -> Samples:
-    how = dataset.Recipe(most_per_class=20, with_surroundings=True)
+    how = dataset.Labelling(most_per_class=20, with_surroundings=True)
     return dataset.make_samples(["closed"], range(1), how)
 
 
@@ -100,19 +91,43 @@ def lessons(training: list[PatchPairs], labelled: Samples) -> Lessons:
     return Lessons(training, labelled, np.ones(len(labelled)))
 
 
+class Recall(DescriptorTask):
+    """Scored by the share of source patches whose nearest target patch is their partner."""
+
+    def judge(self, network: DescriptorNetwork) -> Judgement:
+        model, pairs = network.model(), self.lessons.pairs[0]
+        found = model.read(pairs.source)[0] @ model.read(pairs.target)[0].T
+        return Judgement(float((found.argmax(axis=1) == np.arange(len(pairs))).mean()))
+
+
+class Scripted(DescriptorTask):
+    """Scored as it is told, one round after the other."""
+
+    scores: Sequence[float] = ()
+    judged = 0
+
+    def judge(self, network: DescriptorNetwork) -> Judgement:
+        self.judged += 1
+        return Judgement(self.scores[self.judged - 1])
+
+
 def train(
     lessons: Lessons,
-    watch: Watch,
     schedule: Schedule = SHORT,
     seed: int = 3,
     checkpoint: Path | None = None,
     device: str = "cpu",
-) -> Outcome:
+    on_step: Step = lambda step, loss: None,
+    scores: Sequence[float] | None = None,
+) -> Outcome[DescriptorNetwork]:
     """Train a small network, started from the seed."""
     torch.manual_seed(seed)
     network = DescriptorNetwork(SMALL, dropout=0.2)
+    task = (Recall if scores is None else Scripted)(lessons, PLAN, [], seed)
+    if isinstance(task, Scripted):
+        task.scores = scores or ()
     chosen = find_device(device)
-    return train_network(lessons, network, ADAM, schedule, seed, watch, checkpoint, chosen)
+    return Trainer(task, network, ADAM, schedule, checkpoint, chosen, on_step).run()
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +147,7 @@ def test_numpy_gives_what_torch_gives(patches: FloatArray) -> None:
     with torch.no_grad():
         hidden = network(torch.from_numpy(patches))
         classes = head(torch.cat([torch.from_numpy(details), hidden], dim=1)).softmax(dim=1)
-        expected = (*network.describe(hidden), classes)
+        expected = (*network.recognise(hidden), classes)
     descriptor = SmallNetwork(network.arrays() | head_arrays(head), {})
     found = (*descriptor.read(patches), descriptor.classify(details, patches))
     for got, wanted in zip(found, expected, strict=True):
@@ -146,13 +161,13 @@ def test_the_class_head_reads_cells_and_hidden_units(labelled: Samples, tmp_path
     np.testing.assert_array_equal(inputs.patches[:, 125:], shared.hidden(labelled.surroundings))
     options = {"_target_": "torch.optim.AdamW", "_partial_": True, "lr": 0.003}
     config = TrainConfig(optimizer=options, epochs=40, batch_size=32)
-    losses: list[float] = []
-
-    def note(record: EpochRecord, network: PatchNetwork) -> None:
-        losses.append(record.training_loss)
-
-    head = fit_class_head(config, inputs, inputs, note, tmp_path / "checkpoint.pt")
-    assert losses[-1] < 0.5 * losses[0]
+    notes: list[Record] = []
+    outcome = train_classifier(
+        config, inputs, inputs, lambda record, judgement: notes.append(record), tmp_path / "a.pt"
+    )
+    head = head_arrays(outcome.network)
+    assert notes == outcome.history[1:]
+    assert notes[-1].training_loss < 0.5 * notes[0].training_loss
     learned = SmallNetwork(shared.weights | head, {})
     around = labelled.surroundings
     np.testing.assert_array_equal(learned.read(around)[0], shared.read(around)[0])
@@ -170,7 +185,7 @@ def test_waves_give_what_all_cyclic_orders_give(patches: FloatArray) -> None:
 
 
 def test_classes_are_those_of_the_scene() -> None:
-    how = dataset.Recipe(most_per_class=40, with_surroundings=True)
+    how = dataset.Labelling(most_per_class=40, with_surroundings=True)
     unseen = dataset.make_samples(["paper_room", "closed"], range(3000, 3002), how)
     counts = confusion_matrix(unseen.labels, predict(find_network(), unseen))
     assert macro_f1(counts) > 0.75
@@ -344,26 +359,16 @@ def test_matchability_loss_asks_for_what_was_found() -> None:
 
 
 def test_near_places_are_no_negatives(training: list[PatchPairs]) -> None:
-    two = replace(SHORT, scans_per_step=2)
-    source, target, far = draw_batch(training, two, np.random.default_rng(0))
+    two = replace(PLAN, scans=2)
+    source, target, far = draw_pairs(training, two, np.random.default_rng(0))
     assert source.shape == target.shape == (128, SECTORS, SECTOR_SIZE)
     assert not far.diagonal().any() and (far == far.T).all()
     assert far[:64, 64:].all() and not far[:64, :64].all()  # other scans are always other places
 
 
-def watching(training: list[PatchPairs], losses: list[float]) -> Watch:
-    """Scores by the share of source patches whose nearest target patch is their partner."""
-
-    def score(step: int, network: DescriptorNetwork) -> float:
-        descriptor = SmallNetwork(network.arrays(), {})
-        pairs = training[0]
-        found = descriptor.read(pairs.source)[0] @ descriptor.read(pairs.target)[0].T
-        return float((found.argmax(axis=1) == np.arange(len(pairs))).mean())
-
-    return Watch(score, lambda step, loss: losses.append(loss))
-
-
-def assert_same_weights(first: Outcome, second: Outcome) -> None:
+def assert_same_weights(
+    first: Outcome[DescriptorNetwork], second: Outcome[DescriptorNetwork]
+) -> None:
     again = second.network.arrays()
     for name, weight in first.network.arrays().items():
         np.testing.assert_array_equal(weight, again[name])
@@ -374,52 +379,55 @@ def test_data_and_training_repeat_from_the_seed_and_learn(lessons: Lessons) -> N
     assert digest(lessons.pairs) == digest(again) != digest(again[:1])
     losses: list[float] = []
     first, second = (
-        train(data, watching(again, losses)) for data in (lessons, replace(lessons, pairs=again))
+        train(data, on_step=lambda step, loss: losses.append(loss))
+        for data in (lessons, replace(lessons, pairs=again))
     )
     assert_same_weights(first, second)
     assert np.mean(losses[25:30]) < 0.8 * np.mean(losses[:5])
     assert first.stop_reason == "all 30 steps done"
+    assert [record.step for record in first.history] == [10, 20, 30]
+    assert first.history[0].training_loss == pytest.approx(np.mean(losses[:10]))
 
 
 @pytest.mark.parametrize("killed_at", [7, 10, 25])
 def test_a_killed_training_resumed_gives_the_same_weights(
     lessons: Lessons, tmp_path: Path, killed_at: int
 ) -> None:
-    watch, checkpoint = watching(list(lessons.pairs), []), tmp_path / "checkpoint.pt"
-    whole = train(lessons, watch)
+    checkpoint = tmp_path / "checkpoint.pt"
+    whole = train(lessons)
 
     def kill(step: int, loss: float) -> None:
         if step == killed_at:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(lessons, replace(watch, on_step=kill), checkpoint=checkpoint)
-    steps: list[float] = []
-    resumed = train(lessons, watching(list(lessons.pairs), steps), checkpoint=checkpoint)
+        train(lessons, checkpoint=checkpoint, on_step=kill)
+    steps: list[int] = []
+    resumed = train(lessons, checkpoint=checkpoint, on_step=lambda step, loss: steps.append(step))
     assert len(steps) == 30 - (killed_at - 1) // 10 * 10
     assert_same_weights(whole, resumed)
-    assert (resumed.best_step, resumed.best_score) == (whole.best_step, whole.best_score)
+    assert (resumed.best, resumed.history) == (whole.best, whole.history)
     with pytest.raises(ValueError, match="another output_dir"):
-        train(lessons, watch, seed=4, checkpoint=checkpoint)
+        train(lessons, seed=4, checkpoint=checkpoint)
 
 
 def test_training_stops_early_and_keeps_the_best(lessons: Lessons) -> None:
-    scores = {10: 0.1, 20: 0.5, 30: 0.4, 40: 0.3, 50: 0.9}
-    long = replace(SHORT, steps=50)
-    watch = Watch(lambda step, network: scores[step], lambda step, loss: None)
-    outcome = train(lessons, watch, replace(long, patience=2))
-    assert outcome.stop_reason == "no better score in 2 validations"
-    assert (outcome.best_step, outcome.best_score) == (20, 0.5)
-    at_twenty = Watch(lambda step, network: float(step == 20), lambda step, loss: None)
-    assert_same_weights(outcome, train(lessons, at_twenty, long))
+    long = replace(SHORT, steps=50, length="50 steps")
+    patient = replace(long, max_fail=2)
+    outcome = train(lessons, patient, scores=[0.1, 0.5, 0.4, 0.3, 0.9])
+    assert outcome.stop_reason == "2 validations below the best one"
+    assert (outcome.best.step, outcome.best.score) == (20, 0.5)
+    assert_same_weights(outcome, train(lessons, long, scores=[0, 1, 0, 0, 0]))
+    assert train(lessons, patient, scores=[0.5] * 5).stop_reason == "all 50 steps done"
 
 
 def test_what_a_training_cannot_use_is_refused(lessons: Lessons) -> None:
     with pytest.raises(ValueError, match="a step takes 1 pairs of scans"):
-        train(replace(lessons, pairs=[]), watching([], []))
+        train(replace(lessons, pairs=[]))
     network = DescriptorNetwork(SMALL).double()
+    task = Recall(lessons, PLAN, [], 0)
     with pytest.raises(ValueError, match="all samples at once"):
-        train_network(lessons, network, ScaledConjugateGradient, SHORT, 0, watching([], []))
+        Trainer(task, network, ScaledConjugateGradient, SHORT)
 
 
 def present(name: str) -> bool:
@@ -433,13 +441,14 @@ def present(name: str) -> bool:
 
 @pytest.mark.parametrize("name", ["cpu", "cuda", "mps"])
 def test_every_device_learns_the_same(lessons: Lessons, name: str) -> None:
-    watch = watching(list(lessons.pairs), [])
     if not present(name):
         with pytest.raises(ValueError, match=f"device={name}: torch .* expected cpu"):
-            train(lessons, watch, device=name)
+            train(lessons, device=name)
         return
-    short = replace(SHORT, steps=3)  # dropout differs between devices: leave no time to diverge
-    here, there = (train(lessons, watch, short, device=where) for where in ("cpu", name))
+    short = replace(
+        SHORT, steps=3, round_steps=3
+    )  # dropout differs between devices: leave no time to diverge
+    here, there = (train(lessons, short, device=where) for where in ("cpu", name))
     for key, weight in here.network.arrays().items():
         np.testing.assert_allclose(there.network.arrays()[key], weight, atol=0.02)
 

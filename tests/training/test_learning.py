@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import torch
 
 from skipnet.metrics.classes import confusion_matrix, f1_per_class, macro_f1
 from skipnet.parallel.pools import mapping
-from skipnet.training.data.labelled import Recipe, Samples, make_samples, thin
+from skipnet.training.data.labelled import Labelling, Samples, make_samples, thin
 from skipnet.training.experiments.classes_alone import draw_evenly, split_at_random
 from skipnet.training.experiments.peers import predict_with_peers
 from skipnet.training.networks.perceptron import (
@@ -24,10 +25,12 @@ from skipnet.training.networks.perceptron import (
     round_to_half,
     save_classifier,
 )
-from skipnet.training.optimizers import ScaledConjugateGradient
+from skipnet.training.optimizers import OptimizerFactory, ScaledConjugateGradient
+from skipnet.training.schedule import Record, Schedule
 from skipnet.training.scores import score
-from skipnet.training.task import TrainingSet, matlab_cross_entropy
-from skipnet.training.trainer import EpochRecord, StoppingRules, train_network
+from skipnet.training.task import Judgement
+from skipnet.training.tasks.classes import ClassTask, TrainingSet, matlab_cross_entropy
+from skipnet.training.trainer import Outcome, Trainer
 
 OPTIMIZERS = {
     "adam": (partial(torch.optim.Adam, lr=0.01), torch.float32),
@@ -50,6 +53,26 @@ def blobs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     side = np.where(rng.random(count) < 0.5, 1, -1)
     patches = side[:, None] * centres[labels] + 0.5 * rng.normal(size=(count, 125))
     return patches.astype(np.float32), labels
+
+
+def fit(
+    network: PatchNetwork,
+    training: TrainingSet,
+    validation: TrainingSet,
+    make_optimizer: OptimizerFactory,
+    epochs: int = 1000,
+    rules: Mapping[str, float] = MappingProxyType({}),
+    batch_size: int | None = None,
+    rate: str = "constant",
+    seed: int = 0,
+    checkpoint: Path | None = None,
+    on_round: Callable[[Record, Judgement], None] = lambda record, judgement: None,
+) -> Outcome[PatchNetwork]:
+    """Fit a network for the classes; rules are those of ``Schedule``."""
+    task = ClassTask(training, validation, batch_size, seed=seed)
+    steps = task.steps_per_pass
+    schedule = Schedule(epochs * steps, steps, f"{epochs} epochs", rate, **rules)
+    return Trainer(task, network, make_optimizer, schedule, checkpoint, on_round=on_round).run()
 
 
 def samples_of(patches: np.ndarray, labels: np.ndarray) -> Samples:
@@ -151,55 +174,43 @@ def test_every_optimiser_learns(name: str) -> None:
     torch.manual_seed(0)
     network = PatchNetwork([20]).to(dtype)
     training, validation = TrainingSet(*blobs(400, 1)), TrainingSet(*blobs(200, 2))
-    rules = StoppingRules(epochs=80, min_gradient=0, max_fail=0)
-    outcome = train_network(network, training, validation, make_optimizer, rules)
+    outcome = fit(network, training, validation, make_optimizer, epochs=80)
     predicted = classify(Classifier(network.float(), {}), validation.patches).argmax(axis=1)
     assert np.mean(predicted == validation.labels) > 0.9
-    losses = [record.validation_loss for record in outcome.history]
-    assert outcome.best_epoch == int(np.argmin(losses))
+    scores = [record.score for record in outcome.history]
+    assert outcome.best.round == int(np.argmax(scores))
 
 
 def test_the_network_ends_with_the_best_validation_weights() -> None:
     torch.manual_seed(0)
     network = PatchNetwork([30])
     validation = TrainingSet(*blobs(100, 2))
-    outcome = train_network(
-        network,
-        TrainingSet(*blobs(40, 1)),
-        validation,
-        partial(torch.optim.Adam, lr=0.05),
-        StoppingRules(epochs=60, min_gradient=0, max_fail=0),
-    )
+    make = partial(torch.optim.Adam, lr=0.05)
+    outcome = fit(network, TrainingSet(*blobs(40, 1)), validation, make, epochs=60)
     patches, labels, _ = validation.tensors(torch.float32)
     now = float(matlab_cross_entropy(network(patches), labels).detach())
-    assert now == pytest.approx(min(r.validation_loss for r in outcome.history))
-
-
-OFF = StoppingRules(epochs=1000, goal=0.0, min_gradient=0.0, max_fail=0)
+    assert now == pytest.approx(min(-record.score for record in outcome.history))
 
 
 @pytest.mark.parametrize(
     ("rules", "learnable", "reason"),
     [
-        (replace(OFF, epochs=3), True, "all 3 epochs"),
-        (replace(OFF, goal=0.05), True, "goal 0.05 reached"),
-        (replace(OFF, min_gradient=10.0), True, "gradient below 10"),
-        (replace(OFF, max_fail=6), False, "validation loss above its best for 6 epochs"),
+        ({}, True, "all 200 epochs done"),
+        ({"goal": 0.05}, True, "goal 0.05 reached"),
+        ({"min_gradient": 10.0}, True, "gradient below 10"),
+        ({"max_fail": 6}, False, "6 validations below the best one"),
     ],
 )
 def test_each_stopping_rule_stops_and_is_named(
-    rules: StoppingRules, learnable: bool, reason: str
+    rules: Mapping[str, float], learnable: bool, reason: str
 ) -> None:
     torch.manual_seed(0)
     patches, labels = blobs(40, 1)
     noise = np.random.default_rng(3).integers(5, size=40)
-    outcome = train_network(
-        PatchNetwork([20]).double(),
-        TrainingSet(patches, labels),
-        TrainingSet(patches, labels if learnable else noise),
-        ScaledConjugateGradient,
-        rules,
-    )
+    learned = TrainingSet(patches, labels)
+    watched = TrainingSet(patches, labels if learnable else noise)
+    network = PatchNetwork([20]).double()
+    outcome = fit(network, learned, watched, ScaledConjugateGradient, 200, rules)
     assert outcome.stop_reason.startswith(reason)
 
 
@@ -207,14 +218,14 @@ def test_training_repeats_bit_by_bit() -> None:
     def train(seed: int) -> np.ndarray:
         torch.manual_seed(seed)
         network = PatchNetwork([16], dropout=0.2)
-        train_network(
+        fit(
             network,
             TrainingSet(*blobs(300, 1)),
             TrainingSet(*blobs(100, 2)),
             partial(torch.optim.AdamW, lr=0.01),
-            StoppingRules(epochs=4, min_gradient=0, max_fail=0),
+            epochs=4,
             batch_size=32,
-            cosine_decay=True,
+            rate="cosine",
             seed=seed,
         )
         return classify(Classifier(network, {}), blobs(20, 3)[0])
@@ -230,42 +241,33 @@ def test_a_killed_training_resumed_gives_the_same_weights(optimizer: str, tmp_pa
     whole_set = optimizer == "scg"
     make = ScaledConjugateGradient if whole_set else partial(torch.optim.AdamW, lr=0.01)
 
-    def train(rules: StoppingRules, checkpoint: Path | None) -> tuple[PatchNetwork, list[float]]:
-        """A network fitted by these rules, and its losses."""
+    def train(
+        epochs: int, checkpoint: Path | None = None, killed_at: int = -1
+    ) -> Outcome[PatchNetwork]:
+        """A fitted network; stopped in the middle, before the epoch of that number is written."""
+
+        def kill(record: Record, judgement: Judgement) -> None:
+            if record.round == killed_at:
+                raise KeyboardInterrupt
+
         torch.manual_seed(0)
         network = PatchNetwork([8], dropout=0.2).double()
-        batch = None if whole_set else 64
-        outcome = train_network(
-            network, learned, watched, make, rules, batch_size=batch, checkpoint=checkpoint
+        rules, batch = {"max_fail": 6}, None if whole_set else 64
+        return fit(
+            network, learned, watched, make, epochs, rules, batch, "cosine", 0, checkpoint, kill
         )
-        return network, [record.training_loss for record in outcome.history]
 
-    def kill(record: EpochRecord, network: PatchNetwork) -> None:
-        """Stop in the middle, before the fifth epoch is written."""
-        if record.epoch == 5:
-            raise KeyboardInterrupt
-
-    eight, checkpoint = StoppingRules(epochs=8), tmp_path / "checkpoint.pt"
-    whole, losses = train(eight, None)
-    torch.manual_seed(0)
+    checkpoint = tmp_path / "checkpoint.pt"
+    whole = train(8)
     with pytest.raises(KeyboardInterrupt):
-        train_network(
-            PatchNetwork([8], dropout=0.2).double(),
-            learned,
-            watched,
-            make,
-            eight,
-            batch_size=None if whole_set else 64,
-            on_epoch=kill,
-            checkpoint=checkpoint,
-        )
+        train(8, checkpoint, killed_at=5)
     torch.manual_seed(99)  # whatever was drawn before, the checkpoint sets it right
-    resumed, losses_again = train(eight, checkpoint)
-    assert losses_again == losses and len(losses) == 9
-    for name, weight in whole.state_dict().items():
-        assert torch.equal(weight, resumed.state_dict()[name]), name
+    resumed = train(8, checkpoint)
+    assert resumed.history == whole.history and len(whole.history) == 9
+    for name, weight in whole.network.state_dict().items():
+        assert torch.equal(weight, resumed.network.state_dict()[name]), name
     with pytest.raises(ValueError, match="another output_dir"):
-        train(StoppingRules(epochs=9), checkpoint)
+        train(9, checkpoint)
 
 
 def test_weights_count_as_repeated_samples() -> None:
@@ -282,14 +284,8 @@ def test_weights_count_as_repeated_samples() -> None:
 
 def test_conjugate_gradient_refuses_mini_batches() -> None:
     with pytest.raises(ValueError, match="batch_size=null"):
-        train_network(
-            PatchNetwork([4]).double(),
-            TrainingSet(*blobs(20, 0)),
-            TrainingSet(*blobs(20, 1)),
-            ScaledConjugateGradient,
-            StoppingRules(),
-            batch_size=10,
-        )
+        sets = TrainingSet(*blobs(20, 0)), TrainingSet(*blobs(20, 1))
+        fit(PatchNetwork([4]).double(), *sets, ScaledConjugateGradient, batch_size=10)
 
 
 # --- scores and data ------------------------------------------------------------------------------
@@ -346,12 +342,12 @@ def test_even_draws_are_even_or_refused() -> None:
 
 
 def test_data_do_not_depend_on_the_number_of_workers() -> None:
-    recipe = Recipe(most_per_class=20)
-    alone = make_samples(["closed", "paper_room"], [3, 4], recipe)
+    labelling = Labelling(most_per_class=20)
+    alone = make_samples(["closed", "paper_room"], [3, 4], labelling)
     with mapping(2) as each:
-        together = make_samples(["closed", "paper_room"], [3, 4], recipe, each)
+        together = make_samples(["closed", "paper_room"], [3, 4], labelling, each)
     assert alone.digest() == together.digest()
     np.testing.assert_array_equal(np.unique(alone.scenes), [3, 4])
     assert (np.bincount(alone.labels, minlength=5) > 0).sum() >= 4
     with pytest.raises(ValueError, match="at least one"):
-        make_samples([], [1], recipe)
+        make_samples([], [1], labelling)

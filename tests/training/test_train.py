@@ -125,6 +125,8 @@ def test_a_sweep_writes_one_folder_per_run(tmp_path: Path) -> None:
         ("compare_sklearn=true", "false, or network=classes"),
         ("optimizer=scg", "one for mini-batches, or network=classes"),
         ("+optimizer.nosuch=1", "nosuch"),
+        ("optimizer._target_=os.system", "expected an optimiser of torch.optim.NAME or"),
+        ("optimizer._target_=torch.optim.lr_scheduler.torch.load", "expected an optimiser of"),
         ("epoch=3", "did you mean epochs?"),
         ("epochs=0", "epochs=0: expected 1 or more"),
         ("data.families=[]", "at least one family"),

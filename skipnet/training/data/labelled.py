@@ -33,7 +33,7 @@ class Samples:
     patches: FloatArray
     """(N, 125) float32."""
     surroundings: FloatArray
-    """(N, 5, 100) float16 from ``cylinder_patches``; (N, 5, 0) where the recipe asks for none."""
+    """(N, 5, 100) float16 from ``cylinder_patches``; (N, 5, 0) where none are asked for."""
     labels: IntArray
     """(N,) int64 ``FeatureClass`` values."""
     weights: FloatArray
@@ -60,7 +60,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Recipe:
+class Labelling:
     """How scans become samples."""
 
     scanner: str = "terrestrial"
@@ -86,7 +86,7 @@ class LabelledScan:
 
 
 def make_samples(
-    families: Sequence[str], seeds: Iterable[int], recipe: Recipe, each: Each = map
+    families: Sequence[str], seeds: Iterable[int], labelling: Labelling, each: Each = map
 ) -> Samples:
     """Simulate scenes of the families in turn and label their feature voxels.
 
@@ -94,7 +94,7 @@ def make_samples(
         families: names of ``skipnet.simulation.scenes.FAMILIES``; seed k takes family k modulo
             their number.
         seeds: of the scenes; each is scanned from two places.
-        recipe: scanner, patch and labels.
+        labelling: scanner, patch and labels.
         each: ``map``, or what does the same in several processes; the result is the same.
 
     Raises:
@@ -103,7 +103,7 @@ def make_samples(
     seeds = list(seeds)
     if not families or not seeds:
         raise ValueError("no scenes: give at least one family and one seed")
-    work = partial(_samples_of_scene, tuple(families), recipe)
+    work = partial(_samples_of_scene, tuple(families), labelling)
     return concatenate(list(each(work, seeds)))
 
 
@@ -114,18 +114,18 @@ def concatenate(parts: Sequence[Samples]) -> Samples:
 
 
 def label_scene(
-    family: str, seed: int, recipe: Recipe, rng: np.random.Generator
+    family: str, seed: int, labelling: Labelling, rng: np.random.Generator
 ) -> list[LabelledScan]:
     """Scan a scene twice and label the feature voxels, at the voxel size registration would take.
 
-    The first cloud keeps the room's axes; the second is turned as the recipe says.
+    The first cloud keeps the room's axes; the second is turned as the labelling says.
     """
-    scans, scene = simulate_scans(family, seed, SCANS_PER_SCENE, recipe.scanner)
+    scans, scene = simulate_scans(family, seed, SCANS_PER_SCENE, labelling.scanner)
     voxel_size_m = choose_voxel_size(scans[0].points_m, scans[1].points_m)
-    turns = [np.eye(3), random_rotation(rng) if recipe.turn_second_scan else np.eye(3)]
-    model = find_scanner(recipe.scanner)
+    turns = [np.eye(3), random_rotation(rng) if labelling.turn_second_scan else np.eye(3)]
+    model = find_scanner(labelling.scanner)
     return [
-        label_scan(scan, scene, model, voxel_size_m, recipe.rule, turn)
+        label_scan(scan, scene, model, voxel_size_m, labelling.rule, turn)
         for scan, turn in zip(scans, turns, strict=True)
     ]
 
@@ -154,24 +154,26 @@ def label_scan(
     return LabelledScan(skipmap, voxels[labels >= 0], labels[labels >= 0])
 
 
-def _samples_of_scene(families: Sequence[str], recipe: Recipe, seed: int) -> Samples:
+def _samples_of_scene(families: Sequence[str], labelling: Labelling, seed: int) -> Samples:
     family = seed % len(families)
     turn_rng, thin_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    scans = label_scene(families[family], seed, recipe, turn_rng)
-    return concatenate([_samples_of_scan(scan, family, seed, recipe, thin_rng) for scan in scans])
+    scans = label_scene(families[family], seed, labelling, turn_rng)
+    return concatenate(
+        [_samples_of_scan(scan, family, seed, labelling, thin_rng) for scan in scans]
+    )
 
 
 def _samples_of_scan(
-    scan: LabelledScan, family: int, seed: int, recipe: Recipe, rng: np.random.Generator
+    scan: LabelledScan, family: int, seed: int, labelling: Labelling, rng: np.random.Generator
 ) -> Samples:
-    rows, weights = thin(scan.labels, recipe.most_per_class, rng)
+    rows, weights = thin(scan.labels, labelling.most_per_class, rng)
     voxels = scan.voxels[rows]
-    if recipe.with_surroundings:
+    if labelling.with_surroundings:
         surroundings = cylinder_patches(scan.skipmap, voxels).astype(np.float16)
     else:
         surroundings = np.zeros((len(rows), SECTORS, 0), dtype=np.float16)
     return Samples(
-        patches=build_patches(scan.skipmap, voxels, recipe.patch),
+        patches=build_patches(scan.skipmap, voxels, labelling.patch),
         surroundings=surroundings,
         labels=scan.labels[rows],
         weights=weights,

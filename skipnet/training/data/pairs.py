@@ -21,8 +21,8 @@ from skipnet.parallel.pools import Each
 from skipnet.simulation.scanning.degrading import Recipe, degrade, fields_of_view, fused
 from skipnet.simulation.scanning.pairs import simulate_scans
 from skipnet.skipmap.resolution import choose_voxel_size
-from skipnet.skipmap.skipmap import build_skipmap
-from skipnet.types import FloatArray
+from skipnet.skipmap.skipmap import SkipMap, build_skipmap
+from skipnet.types import FloatArray, IntArray
 
 T = TypeVar("T")
 DEFAULT_RECIPE = Recipe()
@@ -38,9 +38,9 @@ class PatchPairs:
     """K pairs of patches from one pair of scans; row k of every array shows the same place."""
 
     source: FloatArray
-    """(K, 5, 100) float16."""
+    """(K, ...) float16, as the network to be trained reads them."""
     target: FloatArray
-    """(K, 5, 100) float16."""
+    """(K, ...) float16."""
     places: FloatArray
     """(K, 3) float32 where they are, in voxels: near ones are no examples of different places."""
 
@@ -139,20 +139,45 @@ def _pairs_of_scene(per_scans: int, recipe: Recipe, family: str, seed: int) -> P
     scans = simulate_two_scans(family, seed, recipe)
     if scans is None:
         return None
+    return cut_pairs(
+        scans, per_scans, recipe, np.random.default_rng([seed, 2]), cylinder_patches, turned_over
+    )
+
+
+def cut_pairs(
+    scans: TwoScans,
+    per_scans: int,
+    recipe: Recipe,
+    rng: np.random.Generator,
+    cut: Callable[[SkipMap, IntArray], FloatArray],
+    turn_over: Callable[[FloatArray], FloatArray],
+) -> PatchPairs | None:
+    """Draw voxels that two scans share and cut out what is around them.
+
+    Args:
+        scans: with the truth.
+        per_scans: pairs of patches at most.
+        recipe: how many of them are drawn by curvature, and how often they are seen from the back.
+        rng: draws.
+        cut: what a network reads of voxels, see ``Model``.
+        turn_over: what the opposite normals make of that.
+
+    Returns:
+        None where the scans share too little.
+    """
     rows_s, rows_t, agree = true_correspondences(scans)
     if len(rows_s) < MIN_CORRESPONDENCES:
         return None
-    rng = np.random.default_rng([seed, 2])
     curved = scans.source.curvatures[rows_s] + 1e-4
     chance = recipe.curved_share * curved / curved.sum()
     chance += (1 - recipe.curved_share) / len(curved)
     drawn = rng.choice(len(rows_s), min(per_scans, len(rows_s)), replace=False, p=chance)
     rows_s, rows_t, agree = rows_s[drawn], rows_t[drawn], agree[drawn]
-    source = cylinder_patches(scans.source, rows_s)
-    target = cylinder_patches(scans.target, rows_t)
-    target = np.where(agree[:, None, None] < 0, turned_over(target), target)
+    source, target = cut(scans.source, rows_s), cut(scans.target, rows_t)
+    opposed = agree.reshape(-1, *[1] * (target.ndim - 1)) < 0
+    target = np.where(opposed, turn_over(target), target)
     if rng.random() < recipe.turned_share:
-        source, target = turned_over(source), turned_over(target)
+        source, target = turn_over(source), turn_over(target)
     places = scans.source.centroids_m[rows_s] / scans.source.voxel_size_m
     return PatchPairs(
         source.astype(np.float16), target.astype(np.float16), places.astype(np.float32)

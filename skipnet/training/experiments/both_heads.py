@@ -20,6 +20,7 @@ from skipnet.metrics import correspondences as judging
 from skipnet.metrics.correspondences import TwoScans
 from skipnet.networks.catalog import load_network, rounded, save_network
 from skipnet.networks.describing import KEPT_SHARE
+from skipnet.networks.devices import find_device
 from skipnet.networks.model import Model
 from skipnet.networks.names import SHIPPED_WEIGHTS
 from skipnet.networks.numpy_network import SmallNetwork
@@ -29,23 +30,23 @@ from skipnet.simulation.scenes.scenes import check_families
 from skipnet.simulation.seeds import DESCRIPTOR_TEST, DESCRIPTOR_VALIDATION, TRAINING
 from skipnet.storage import write_config, write_text
 from skipnet.training import reports
-from skipnet.training import reports as reporting
 from skipnet.training.data.labelled import Samples, make_samples
 from skipnet.training.data.pairs import make_patch_pairs, make_scans
-from skipnet.training.devices import find_device
-from skipnet.training.experiments.classes_alone import check_settings, class_recipe, class_seeds
+from skipnet.training.experiments.classes_alone import check_settings, class_labelling, class_seeds
 from skipnet.training.networks.cyclic import DescriptorNetwork, Widths
 from skipnet.training.networks.perceptron import Classifier, classify, round_to_half
 from skipnet.training.optimizers import find_optimizer
 from skipnet.training.options import AugmentationConfig, DescriptorTrainConfig, TrainConfig
+from skipnet.training.schedule import Schedule
 from skipnet.training.scores import score, table_rows
 from skipnet.training.tasks.classes import (
-    fit_class_head,
+    head_arrays,
     sample_weights,
     train_classifier,
     with_hidden,
 )
-from skipnet.training.tasks.descriptor import Lessons, Outcome, Schedule, train_network
+from skipnet.training.tasks.descriptor import DescriptorTask, Lessons, StepPlan
+from skipnet.training.trainer import Outcome, Trainer
 from skipnet.types import FloatArray
 from skipnet.viz import dashboard
 
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
 SEEDS = {"training": TRAINING, "validation": DESCRIPTOR_VALIDATION, "test": DESCRIPTOR_TEST}
+Trained = Outcome[DescriptorNetwork]
 CHECKPOINT, CLASSES_CHECKPOINT = "checkpoint.pt", "classes_checkpoint.pt"
 
 
@@ -103,7 +105,7 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         classes = {"both heads": judge_classes(config, descriptor, unseen.classes)}
         if config.compare_alone:
             classes["classes alone"] = classes_alone(config, sets, unseen.classes)
-        reporting.log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
+        reports.log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
     card["scores"] = {
         **{name: groups["all"] for name, groups in scores.items()},
         "classes": {name: groups["all"] for name, groups in classes.items()},
@@ -123,14 +125,14 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         },
     }
     write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
-    tables = reporting.descriptor_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
+    tables = reports.descriptor_table(scores) + "\n" + reports.markdown_table(table_rows(classes))
     write_text(folder / "scores.md", tables)
     return summary
 
 
 def learn(
     config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device
-) -> tuple[Outcome, dict[str, FloatArray], Unseen, dict[str, dict[str, dict[str, float]]]]:
+) -> tuple[Trained, dict[str, FloatArray], Unseen, dict[str, dict[str, dict[str, float]]]]:
     """Train the descriptor, then the classes; another process does all that can wait meanwhile.
 
     Returns:
@@ -142,7 +144,7 @@ def learn(
         outcome = fit(config, sets, writer, device)
         unseen = to_come.result()
         shared = SmallNetwork(rounded(outcome.network.arrays()), {})
-        judged = aside.submit(reporting.judge_on_unseen, shared, unseen.scans)
+        judged = aside.submit(reports.judge_on_unseen, shared, unseen.scans)
         head = fit_classes(config, sets, shared, writer)
         return outcome, shared.weights | head, unseen, judged.result()
 
@@ -155,7 +157,7 @@ def make_sets(config: TrainConfig) -> Sets:
             options.families,
             _seeds(options, "training"),
             options.patches_per_scans,
-            recipe(options.augmentation),
+            scan_recipe(options.augmentation),
             each,
         )
         classes = _labelled(config, "training", each)
@@ -180,41 +182,40 @@ def _seeds(options: DescriptorTrainConfig, name: str) -> range:
 
 def _scans(options: DescriptorTrainConfig, name: str, each: Each) -> list[TwoScans]:
     """Pairs of scans of one set."""
-    how = recipe(options.augmentation)
+    how = scan_recipe(options.augmentation)
     return make_scans(options.families, _seeds(options, name), how, each)
 
 
 def _labelled(config: TrainConfig, name: str, each: Each) -> Samples:
     """Labelled patches of one set, with what is around them; of the test's none is left out."""
-    sampled = class_recipe(config.data, thinned=name != "test", with_surroundings=True)
+    sampled = class_labelling(config.data, thinned=name != "test", with_surroundings=True)
     return make_samples(config.data.families, class_seeds(config.data, name), sampled, each)
 
 
-def recipe(options: AugmentationConfig) -> Recipe:
+def scan_recipe(options: AugmentationConfig) -> Recipe:
     """How scans become examples under this configuration."""
     values = dict(vars(options))
     return Recipe(**{**values, "noise_voxels": tuple(options.noise_voxels)})
 
 
-def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device) -> Outcome:
+def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device) -> Trained:
     """Train the shared layers and the descriptor."""
     options = config.descriptor
     torch.manual_seed(config.seed)
     shared = options.sector_units, options.hidden_units, options.output_units
     widths = Widths(*shared, *config.hidden_sizes)
     network = DescriptorNetwork(widths, config.dropout)
-    start = SmallNetwork(network.arrays(), {})
-    unseen = [judging.Keypoints.of(scans, start) for scans in sets.validation]
-    return train_network(
-        sets.lessons,
+    unseen = [judging.Keypoints.of(scans, network.model()) for scans in sets.validation]
+    return Trainer(
+        DescriptorTask(sets.lessons, step_plan(options), unseen, config.seed),
         network,
         find_optimizer(config.optimizer),
         schedule(options),
-        config.seed,
-        reporting.Progress(writer, unseen).watch(),
         Path(config.output_dir) / CHECKPOINT,
         device,
-    )
+        partial(reports.log_step, writer),
+        partial(reports.log_round, writer),
+    ).run()
 
 
 def fit_classes(
@@ -224,23 +225,32 @@ def fit_classes(
     training, validation = (
         with_hidden(samples, shared) for samples in (sets.lessons.labelled, sets.validation_classes)
     )
-    on_epoch = partial(reports.log_epoch, writer, validation, group="classes/")
+    on_round = partial(reports.log_round, writer, group="classes/")
     checkpoint = Path(config.output_dir) / CLASSES_CHECKPOINT
-    return fit_class_head(config, training, validation, on_epoch, checkpoint)
+    outcome = train_classifier(config, training, validation, on_round, checkpoint)
+    return head_arrays(outcome.network.float())
+
+
+def step_plan(options: DescriptorTrainConfig) -> StepPlan:
+    """What a step shows under these options."""
+    return StepPlan(
+        scans=options.scans_per_step,
+        pairs_per_scans=options.patches_per_step // options.scans_per_step,
+        labelled=options.labelled_per_step,
+        class_weight=options.class_weight,
+        temperature=options.temperature,
+        loss=options.loss.value,
+    )
 
 
 def schedule(options: DescriptorTrainConfig) -> Schedule:
     """The steps that the options ask for."""
     return Schedule(
         steps=options.steps,
-        scans_per_step=options.scans_per_step,
-        pairs_per_scans=options.patches_per_step // options.scans_per_step,
-        labelled=options.labelled_per_step,
-        class_weight=options.class_weight,
-        temperature=options.temperature,
-        loss=options.loss.value,
-        validate_every=options.validate_every,
-        patience=options.patience,
+        round_steps=options.validate_every,
+        length=f"{options.steps} steps",
+        rate="warm_cosine",
+        max_fail=options.patience,
     )
 
 
@@ -248,18 +258,18 @@ def judge_classes(
     config: TrainConfig, descriptor: Model, test: Samples
 ) -> dict[str, dict[str, Any]]:
     """Scores of the class head, in all, by range and by family."""
-    return score(test, reporting.predict(descriptor, test), config.data.families)
+    return score(test, reports.predict(descriptor, test), config.data.families)
 
 
 def classes_alone(config: TrainConfig, sets: Sets, test: Samples) -> dict[str, dict[str, Any]]:
     """The same scores of a network that learns the classes alone, from the same patches."""
-    network, _ = train_classifier(config, sets.lessons.labelled, sets.validation_classes)
-    alone = Classifier(round_to_half(network.float().eval()), {})
+    outcome = train_classifier(config, sets.lessons.labelled, sets.validation_classes)
+    alone = Classifier(round_to_half(outcome.network.float()), {})
     predicted = classify(alone, test.patches).argmax(axis=1)
     return score(test, predicted, config.data.families)
 
 
-def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[str, Any]:
+def make_card(config: TrainConfig, lessons: Lessons, outcome: Trained) -> dict[str, Any]:
     """What the weights are, without their scores."""
     return {
         "architecture": SmallNetwork.architecture,
@@ -278,10 +288,10 @@ def make_card(config: TrainConfig, lessons: Lessons, outcome: Outcome) -> dict[s
     }
 
 
-def reached(outcome: Outcome) -> dict[str, Any]:
+def reached(outcome: Outcome[Any]) -> dict[str, Any]:
     """Why training ended and where it was best."""
     return {
         "stop_reason": outcome.stop_reason,
-        "best_step": outcome.best_step,
-        "validation_inlier_ratio": outcome.best_score,
+        "best_step": outcome.best.step,
+        "validation_inlier_ratio": outcome.best.score,
     }

@@ -12,19 +12,20 @@ from typing import Any
 import numpy as np
 
 from skipnet.metrics.classes import confusion_matrix, macro_f1
+from skipnet.networks.devices import find_device
 from skipnet.parallel.pools import mapping
 from skipnet.simulation.scanning.scanner import find_scanner
 from skipnet.simulation.scenes.scenes import check_families
 from skipnet.simulation.seeds import CLASS_TEST, CLASS_VALIDATION, TRAINING
 from skipnet.storage import write_config
 from skipnet.training import reports
-from skipnet.training.data.labelled import Recipe, Samples, make_samples, thin
+from skipnet.training.data.labelled import Labelling, Samples, make_samples, thin
 from skipnet.training.data.labels import LabelRule
 from skipnet.training.data.options import DataConfig, Split
-from skipnet.training.devices import find_device
 from skipnet.training.experiments.peers import COMPARED_VOXELS, predict_with_peers
 from skipnet.training.networks.perceptron import (
     Classifier,
+    PatchNetwork,
     classify,
     round_to_half,
     save_classifier,
@@ -33,7 +34,7 @@ from skipnet.training.optimizers import find_optimizer
 from skipnet.training.options import TrainConfig
 from skipnet.training.scores import score
 from skipnet.training.tasks.classes import sample_weights, train_classifier
-from skipnet.training.trainer import TrainingOutcome
+from skipnet.training.trainer import Outcome
 from skipnet.types import FeatureClass, FloatArray, IntArray
 from skipnet.viz.dashboard import open_dashboard
 
@@ -72,14 +73,14 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
     sets = make_sets(config)
     seconds = {"data": time.perf_counter() - start_s}
     with open_dashboard(folder / "tensorboard") as writer:
-        on_epoch = partial(reports.log_epoch, writer, sets.validation)
-        network, outcome = train_classifier(
-            config, sets.training, sets.validation, on_epoch, folder / CHECKPOINT
+        on_round = partial(reports.log_round, writer)
+        outcome = train_classifier(
+            config, sets.training, sets.validation, on_round, folder / CHECKPOINT
         )
         write_config(config, folder / "config.yaml")  # of the run that was gone on with
         seconds["training"] = time.perf_counter() - start_s - seconds["data"]
         classifier = Classifier(
-            round_to_half(network.float().eval()), make_card(config, sets, outcome)
+            round_to_half(outcome.network.float()), make_card(config, sets, outcome)
         )
         predicted = predict(classifier, sets.unseen.patches)
         scores = {"network": score(sets.unseen, predicted, config.data.families)}
@@ -89,7 +90,9 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
         counts = confusion_matrix(sets.unseen.labels, predicted)
         reports.write_results(folder, summary, scores, counts)
         reports.log_results(writer, config, summary, counts)
-        reports.log_skipmap(writer, class_recipe(config.data), classifier, config.data.families[0])
+        reports.log_skipmap(
+            writer, class_labelling(config.data), classifier, config.data.families[0]
+        )
     save_classifier(classifier, folder / "classifier.pt")
     return summary
 
@@ -106,12 +109,12 @@ def check_settings(config: TrainConfig) -> None:
     find_device(config.device.value)
 
 
-def class_recipe(
+def class_labelling(
     data: DataConfig, thinned: bool = False, with_surroundings: bool = False
-) -> Recipe:
+) -> Labelling:
     """How scans become samples under this configuration."""
     label = data.label
-    return Recipe(
+    return Labelling(
         scanner=data.scanner,
         patch=data.patch.value,
         rule=LabelRule(label.radius_voxels, label.min_area_voxels2, label.min_beams),
@@ -133,7 +136,7 @@ def make_sets(config: TrainConfig) -> Sets:
 
     def scenes(name: str, thinned: bool) -> Samples:
         """The samples of one set."""
-        how = class_recipe(data, thinned)
+        how = class_labelling(data, thinned)
         return make_samples(data.families, class_seeds(data, name), how, each)
 
     with mapping(data.workers) as each:
@@ -199,7 +202,7 @@ def predict(classifier: Classifier, patches: FloatArray) -> IntArray:
     return classify(classifier, patches).argmax(axis=1)
 
 
-def make_card(config: TrainConfig, sets: Sets, outcome: TrainingOutcome) -> dict[str, Any]:
+def make_card(config: TrainConfig, sets: Sets, outcome: Outcome[PatchNetwork]) -> dict[str, Any]:
     """What the weights are, without their scores: ``summarise`` adds them."""
     return {
         "hidden_sizes": list(config.hidden_sizes),
@@ -217,17 +220,17 @@ def summarise(
     config: TrainConfig,
     sets: Sets,
     classifier: Classifier,
-    outcome: TrainingOutcome,
+    outcome: Outcome[PatchNetwork],
     scores: dict[str, Any],
     seconds: dict[str, float],
 ) -> dict[str, Any]:
     """What training reached and how well the network does; its scores also go onto the card."""
     reached = {
         "stop_reason": outcome.stop_reason,
-        "epochs": outcome.history[-1].epoch,
-        "best_epoch": outcome.best_epoch,
+        "epochs": outcome.history[-1].round,
+        "best_epoch": outcome.best.round,
         "training_loss": outcome.best.training_loss,
-        "validation_loss": outcome.best.validation_loss,
+        "validation_loss": -outcome.best.score,
         "last_training_loss": outcome.history[-1].training_loss,
     }
     parts = {"training": sets.training, "validation": sets.validation, "held_out": sets.held_out}

@@ -11,7 +11,13 @@ from torch.nn.functional import normalize
 
 from skipnet.features.cylinders import SECTOR_SIZE, SECTORS
 from skipnet.features.patches import PATCH_SIZE
-from skipnet.networks.numpy_network import MEAN_GAIN, PLANE_GAIN, SHARED_LAYERS, cyclic_basis
+from skipnet.networks.numpy_network import (
+    MEAN_GAIN,
+    PLANE_GAIN,
+    SHARED_LAYERS,
+    SmallNetwork,
+    cyclic_basis,
+)
 from skipnet.types import FeatureClass, FloatArray
 
 MASKED = -1e4
@@ -109,7 +115,7 @@ class DescriptorNetwork(nn.Module):
         orders = (self.basis.T @ torch.stack(responses).flatten(1)).view(SECTORS, len(patches), -1)
         return torch.relu(Strongest.apply(orders) + self.mixing.bias)
 
-    def describe(self, hidden: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def recognise(self, hidden: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(N, H) hidden units to (N, D) descriptors of length 1 and (N,) logits of matchability.
 
         The matchability takes the hidden units as they are: learning it does not change them.
@@ -128,6 +134,10 @@ class DescriptorNetwork(nn.Module):
         for name in SHARED_LAYERS:
             arrays |= layer_arrays(name, getattr(self, name))
         return arrays | layer_arrays("sector", self.sector, self.input_mean, self.input_gain)
+
+    def model(self) -> SmallNetwork:
+        """The shared layers as they are used, with the weights that they have now."""
+        return SmallNetwork(self.arrays(), {})
 
 
 def layer_arrays(

@@ -1,37 +1,33 @@
-"""Train the descriptor: patches of one place shall be nearer than others, and classes told apart.
+"""The task of the descriptor: patches of one place shall be nearer than others.
 
-Each step shows the network pairs of patches of the same places, and labelled patches of other
-scenes; what the two have in common is learned from both, and here only the descriptor is finished
-(``class_head``).
-
-Training can be interrupted: what it needs to go on is in one checkpoint, and a run that was stopped
-and resumed ends with the same weights, to the bit, as one that was not.
+Each step shows the network pairs of patches of the same places. With them may come labelled patches
+of other scenes: what the two have in common is then learned from both, and only the descriptor is
+finished here (``tasks.classes`` learns the class head).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
+from torch import nn
 from torch.nn.functional import cross_entropy
 
-from skipnet.parallel.pools import keep_freed_memory
-from skipnet.training.checkpoints import load_checkpoint, save_checkpoint
+from skipnet.metrics.correspondences import ENOUGH_INLIERS, Keypoints
+from skipnet.networks.model import Model
+from skipnet.training.data.factory import Factory
 from skipnet.training.data.labelled import Samples
 from skipnet.training.data.pairs import PatchPairs, digest
-from skipnet.training.devices import CPU, fixed_threads
-from skipnet.training.networks.cyclic import DescriptorNetwork
 from skipnet.training.networks.losses import (
     Similarities,
     contrastive_loss,
     hardest_loss,
     matchability_loss,
 )
-from skipnet.training.optimizers import ScaledConjugateGradient
+from skipnet.training.task import Judgement
 from skipnet.types import FloatArray
 
 FAR_VOXELS = 4.0
@@ -43,26 +39,21 @@ LOSSES: dict[str, Callable[[Similarities], torch.Tensor]] = {
 
 
 @dataclass(frozen=True)
-class Schedule:
-    """How long and in which steps the network learns."""
+class StepPlan:
+    """What one step shows, and what counts in its loss."""
 
-    steps: int
-    scans_per_step: int
-    """Pairs of scans whose patches meet in one step ..."""
+    scans: int
+    """Pairs of scans whose patches meet ..."""
     pairs_per_scans: int
     """... and pairs of patches from each of them."""
     temperature: float
     """Cosine similarity that changes the odds e-fold."""
     labelled: int = 1024
-    """Labelled patches of one step."""
+    """Labelled patches."""
     class_weight: float = 1.0
     """Of the classes' cross-entropy beside the descriptor's loss."""
     loss: str = "contrastive"
     """One of ``LOSSES``."""
-    validate_every: int = 250
-    """Steps from one validation, and checkpoint, to the next."""
-    patience: int = 0
-    """Validations without a better score after which training ends; 0 never ends it early."""
 
 
 @dataclass(frozen=True)
@@ -80,219 +71,164 @@ class Lessons:
         """Hash of all of it."""
         return f"{digest(self.pairs)} {self.labelled.digest()}"
 
+    def pairs_at(self, step: int) -> Sequence[PatchPairs]:
+        """What a step may learn from: always all."""
+        return self.pairs
 
-@dataclass(frozen=True)
-class Watch:
-    """What is told of the training, and what it is told."""
-
-    score: Callable[[int, DescriptorNetwork], float]
-    """Called at every validation with the steps done; the higher what returns, the better."""
-    on_step: Callable[[int, float], None]
-    """Called after every step with its number from 1 and its loss."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What training reached; the network holds the weights of the best validation."""
-
-    network: DescriptorNetwork
-    stop_reason: str
-    best_step: int
-    best_score: float
+    def scaling(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Patches, and details of labelled ones, from which the inputs' scaling is taken."""
+        some = [torch.from_numpy(pairs.source[:100]).float() for pairs in self.pairs]
+        return torch.cat(some), torch.from_numpy(self.labelled.patches)
 
 
-def train_network(
-    lessons: Lessons,
-    network: DescriptorNetwork,
-    make_optimizer: Callable[..., torch.optim.Optimizer],
-    schedule: Schedule,
-    seed: int,
-    watch: Watch,
-    checkpoint: Path | None = None,
-    device: torch.device = CPU,
-) -> Outcome:
-    """Fit a network; on the CPU the same arguments give the same weights.
+class Batch(NamedTuple):
+    """What one step shows."""
+
+    source: torch.Tensor
+    """(N, ...) patches of the source ..."""
+    target: torch.Tensor
+    """(N, ...) ... and of the same places in the target."""
+    far: torch.Tensor
+    """(N, N) which places are different."""
+    labelled: Sequence[torch.Tensor]
+    """(L, 125) details, (L, ...) surroundings, (L,) classes and (L,) weights; or nothing."""
+
+
+class PlaceNetwork(Protocol):
+    """What a network must be able to do to learn this task."""
+
+    def __call__(self, patches: torch.Tensor) -> torch.Tensor:
+        """(N, ...) patches to (N, H) hidden units."""
+
+    def recognise(self, hidden: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(N, H) hidden units to (N, D) descriptors of length 1 and (N,) matchability logits."""
+
+    def model(self) -> Model:
+        """As it is used, with the weights that it has now."""
+
+
+class DescriptorTask:
+    """Pairs of patches, labelled patches, and scans to judge by.
 
     Args:
         lessons: what to learn from.
-        network: as it starts; the scaling of its inputs is taken from the lessons.
-        make_optimizer: called with the network's parameters. Its learning rate is the highest one:
-            it rises over the first tenth of the steps and falls to 0 along half a cosine.
-        schedule: of the steps.
-        seed: of what each step draws.
-        watch: validates and logs.
-        checkpoint: file to go on from where it exists, and to write at every validation; None
-            keeps nothing.
-        device: where to compute.
-
-    Raises:
-        ValueError: too few pairs of scans, an optimiser for whole sets, or the checkpoint of
-            another training.
+        plan: of a step.
+        unseen: keypoints of the scans to judge by.
+        seed: of what each step draws, and of dropout.
     """
-    if len(lessons.pairs) < schedule.scans_per_step:
-        raise ValueError(
-            f"a step takes {schedule.scans_per_step} pairs of scans, but only "
-            f"{len(lessons.pairs)} are there; simulate more"
-        )
-    keep_freed_memory()
-    run = _Run(lessons, network, make_optimizer, schedule, seed, device)
-    if checkpoint is not None and checkpoint.exists():
-        run.load(checkpoint)
-    with fixed_threads():
-        while run.stop_reason is None:
-            loss = run.advance()
-            watch.on_step(run.step, loss)
-            if run.step % schedule.validate_every == 0 or run.step == schedule.steps:
-                run.judge(watch.score(run.step, run.network.eval()))
-                run.network.train()
-                if checkpoint is not None:
-                    run.save(checkpoint)
-    run.network.load_state_dict(run.best_weights)
-    return Outcome(run.network.eval(), run.stop_reason, run.best_step, run.best_score)
 
-
-class _Run:
-    """All that changes while a network learns."""
+    takes_all = False
 
     def __init__(
-        self,
-        lessons: Lessons,
-        network: DescriptorNetwork,
-        make_optimizer: Callable[..., torch.optim.Optimizer],
-        schedule: Schedule,
-        seed: int,
-        device: torch.device,
+        self, lessons: Lessons | Factory, plan: StepPlan, unseen: Sequence[Keypoints], seed: int
     ) -> None:
-        self.lessons, self.schedule, self.device = lessons, schedule, device
-        torch.manual_seed(seed)
-        self.rng = np.random.default_rng(seed)
-        some = [torch.from_numpy(pairs.source[:100]).float() for pairs in lessons.pairs]
-        network.fit_scaling(torch.cat(some), torch.from_numpy(lessons.labelled.patches))
-        self.network = network.to(device).train()
-        self.optimizer = make_optimizer(network.parameters())
-        if isinstance(self.optimizer, ScaledConjugateGradient):
-            raise ValueError("scaled conjugate gradient needs all samples at once; choose another")
-        self.rates = [group["lr"] for group in self.optimizer.param_groups]
-        self.weights = lessons.weights / lessons.weights.mean()
-        self.identity = f"{network} {self.optimizer} {schedule} seed {seed} data {lessons.digest()}"
-        self.step = self.best_step = self.fails = 0
-        self.best_score = -math.inf
-        self.best_weights: dict[str, torch.Tensor] = {}
+        self.lessons, self.plan, self.unseen, self._seed = lessons, plan, unseen, seed
+        self._random = np.random.default_rng(seed)
+        self.identity = f"descriptor {plan} seed {seed} data {lessons.digest()}"
 
-    @property
-    def stop_reason(self) -> str | None:
-        """Why training ends here; None while it goes on."""
-        if self.step >= self.schedule.steps:
-            return f"all {self.schedule.steps} steps done"
-        if self.schedule.patience and self.fails >= self.schedule.patience:
-            return f"no better score in {self.fails} validations"
-        return None
+    def prepare(self, network: Any, device: torch.device) -> None:
+        """See ``Task``; also sets torch's random state, from which dropout draws."""
+        torch.manual_seed(self._seed)
+        network.fit_scaling(*self.lessons.scaling())
+        self._device = device
 
-    def advance(self) -> float:
-        """Do one step; its loss."""
-        share = _rate(self.step / self.schedule.steps)
-        for group, rate in zip(self.optimizer.param_groups, self.rates, strict=True):
-            group["lr"] = rate * share
-        pairs = self._to_device(*draw_batch(self.lessons.pairs, self.schedule, self.rng))
-        labelled = self._to_device(*self._draw_labelled())
+    def first_loss(self, network: nn.Module) -> None:
+        """See ``Task``."""
 
-        def closure() -> torch.Tensor:
-            """The loss of this step's batch and its gradient."""
-            self.optimizer.zero_grad()
-            loss = self._loss(pairs, labelled)
-            loss.backward()
-            return loss
+    def draw(self, step: int) -> tuple[Batch, int]:
+        """Pairs of a few scans, and labelled patches."""
+        drawn = draw_pairs(self.lessons.pairs_at(step), self.plan, self._random)
+        labelled = [] if self.lessons.labelled is None else self._draw_labelled(self.lessons)
+        source, target, far = (values.to(self._device) for values in drawn)
+        return Batch(source, target, far, [values.to(self._device) for values in labelled]), 1
 
-        loss = torch.as_tensor(self.optimizer.step(closure))  # type: ignore[arg-type]
-        self.step += 1
-        return loss.item()
-
-    def _loss(
-        self, pairs: Sequence[torch.Tensor], labelled: Sequence[torch.Tensor]
-    ) -> torch.Tensor:
-        """Of ``draw_batch``'s pairs and ``_draw_labelled``'s patches."""
-        source, target, far = pairs
-        details, surroundings, labels, weights = labelled
-        hidden = self.network(torch.cat([source, target, surroundings]))
-        described, logits = self.network.describe(hidden[: 2 * len(source)])
-        described_s, described_t = described.chunk(2)
-        logits_s, logits_t = logits.chunk(2)
-        alike = Similarities.of(described_s, described_t, far, self.schedule.temperature)
-        loss = LOSSES[self.schedule.loss](alike) + matchability_loss(logits_s, logits_t, alike)
-        classes = self.network.classify(details, hidden[2 * len(source) :])
-        wrong = (cross_entropy(classes, labels, reduction="none") * weights).mean()
-        return loss + self.schedule.class_weight * wrong
-
-    def _draw_labelled(self) -> list[torch.Tensor]:
+    def _draw_labelled(self, lessons: Lessons) -> list[torch.Tensor]:
         """(L, 125) details, (L, 5, 100) surroundings, (L,) classes and (L,) weights."""
-        rows = self.rng.integers(len(self.lessons.labelled), size=self.schedule.labelled)
-        some = self.lessons.labelled
-        arrays = (some.patches, some.surroundings, some.labels, self.weights)
+        some = lessons.labelled
+        rows = self._random.integers(len(some), size=self.plan.labelled)
+        weight = lessons.weights / lessons.weights.mean()
+        arrays = (some.patches, some.surroundings, some.labels, weight)
         details, surroundings, labels, weights = (torch.from_numpy(a[rows]) for a in arrays)
         return [details, surroundings.float(), labels, weights.float()]
 
-    def _to_device(self, *tensors: torch.Tensor) -> list[torch.Tensor]:
-        return [tensor.to(self.device) for tensor in tensors]
+    def loss(self, network: Any, batch: Batch) -> torch.Tensor:
+        """Of the descriptors, of what is said of their matchability, and of the classes."""
+        pairs = 2 * len(batch.source)
+        hidden = network(torch.cat([batch.source, batch.target, *batch.labelled[1:2]]))
+        loss = recognition_loss(network, hidden[:pairs], batch.far, self.plan)
+        if not batch.labelled:
+            return loss
+        details, _, labels, weights = batch.labelled
+        classes = network.classify(details, hidden[pairs:])
+        wrong = (cross_entropy(classes, labels, reduction="none") * weights).mean()
+        return loss + self.plan.class_weight * wrong
 
-    def judge(self, score: float) -> None:
-        """Keep the weights when they are the best so far."""
-        if score > self.best_score:
-            self.best_score, self.best_step, self.fails = score, self.step, 0
-            state = self.network.state_dict()
-            self.best_weights = {name: value.clone() for name, value in state.items()}
-        else:
-            self.fails += 1
+    def judge(self, network: Any) -> Judgement:
+        """Mean inlier ratio on the unseen scans; figures also hold the share of matched pairs."""
+        return judge_inliers(network.model(), self.unseen)
 
-    def save(self, path: Path) -> None:
-        """Write all of it."""
-        state = {
-            "network": self.network.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "rng": self.rng.bit_generator.state,
-            "step": self.step,
-            "best_step": self.best_step,
-            "fails": self.fails,
-            "best_score": self.best_score,
-            "best_weights": self.best_weights,
-        }
-        save_checkpoint(path, self.identity, state)
+    def state(self) -> dict[str, Any]:
+        """See ``Task``."""
+        return {"rng": self._random.bit_generator.state}
 
-    def load(self, path: Path) -> None:
-        """Go on from what ``save`` wrote.
-
-        Raises:
-            ValueError: it was written by another training.
-        """
-        state = load_checkpoint(path, self.identity, self.device)
-        self.network.load_state_dict(state["network"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.rng.bit_generator.state = state["rng"]
-        self.step, self.best_step, self.fails = state["step"], state["best_step"], state["fails"]
-        self.best_score, self.best_weights = state["best_score"], state["best_weights"]
+    def load(self, state: dict[str, Any]) -> None:
+        """See ``Task``."""
+        self._random.bit_generator.state = state["rng"]
 
 
-def draw_batch(
-    training: Sequence[PatchPairs], schedule: Schedule, rng: np.random.Generator
+def recognition_loss(
+    network: PlaceNetwork, hidden: torch.Tensor, far: torch.Tensor, plan: StepPlan
+) -> torch.Tensor:
+    """Of descriptors and matchability.
+
+    Args:
+        network: whose heads to use.
+        hidden: (2 N, H) of N places, first all of the source, then all of the target.
+        far: (N, N) which places are different.
+        plan: temperature and loss.
+    """
+    described, logits = network.recognise(hidden)
+    described_s, described_t = described.chunk(2)
+    logits_s, logits_t = logits.chunk(2)
+    alike = Similarities.of(described_s, described_t, far, plan.temperature)
+    return LOSSES[plan.loss](alike) + matchability_loss(logits_s, logits_t, alike)
+
+
+def judge_inliers(model: Model, unseen: Sequence[Keypoints]) -> Judgement:
+    """Mean inlier ratio on unseen scans, and the share of them with enough right matches."""
+    ratios = np.array([keypoints.inlier_ratio(model) for keypoints in unseen])
+    figures = {
+        "inlier_ratio/validation": float(ratios.mean()),
+        "matched_pairs/validation": float((ratios >= ENOUGH_INLIERS).mean()),
+    }
+    return Judgement(float(ratios.mean()), figures)
+
+
+def draw_pairs(
+    training: Sequence[PatchPairs], plan: StepPlan, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(N, 5, 100) patches of source and target, and (N, N) which places are different."""
-    chosen = rng.choice(len(training), schedule.scans_per_step, replace=False)
-    source, target, places, owner = [], [], [], []
-    for scans in chosen:
-        pairs = training[scans]
-        rows = rng.permutation(len(pairs))[: schedule.pairs_per_scans]
-        source.append(pairs.source[rows])
-        target.append(pairs.target[rows])
-        places.append(pairs.places[rows])
-        owner.append(np.full(len(rows), scans))
-    place = torch.from_numpy(np.concatenate(places))
-    scan = torch.from_numpy(np.concatenate(owner))
+    """(N, ...) patches of source and target, and (N, N) which places are different."""
+    if len(training) < plan.scans:
+        raise ValueError(
+            f"a step takes {plan.scans} pairs of scans, but only {len(training)} are there; "
+            "simulate more"
+        )
+    chosen = rng.choice(len(training), plan.scans, replace=False)
+    return join_pairs([training[scans] for scans in chosen], plan, rng)
+
+
+def join_pairs(
+    chosen: Sequence[PatchPairs], plan: StepPlan, rng: np.random.Generator
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """As ``draw_pairs``, of the chosen pairs of scans."""
+    rows = [rng.permutation(len(pairs))[: plan.pairs_per_scans] for pairs in chosen]
+    sides = [
+        np.concatenate([side[some] for side, some in zip(patches, rows, strict=True)])
+        for patches in ([p.source for p in chosen], [p.target for p in chosen])
+    ]
+    drawn = zip(chosen, rows, strict=True)
+    place = torch.from_numpy(np.concatenate([pairs.places[some] for pairs, some in drawn]))
+    scan = torch.repeat_interleave(torch.tensor([len(some) for some in rows]))
     far = (torch.cdist(place, place) >= FAR_VOXELS) | (scan[:, None] != scan)
-    patches = [torch.from_numpy(np.concatenate(side)).float() for side in (source, target)]
-    return patches[0], patches[1], far
-
-
-def _rate(progress: float) -> float:
-    """Share of the learning rate's maximum at a share of the steps."""
-    if progress < 0.1:
-        return 0.05 + 0.95 * progress / 0.1
-    return 0.5 * (1 + math.cos(math.pi * (progress - 0.1) / 0.9))
+    source, target = (torch.from_numpy(side).float() for side in sides)
+    return source, target, far
