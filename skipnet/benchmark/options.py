@@ -58,11 +58,15 @@ class DisturbanceConfig:
     """Share of the points that stay, drawn at random."""
     crop: float = 0.0
     """Share of each scan cut off by a plane, from opposite sides: less overlap."""
+    passers_by: int = 0
+    """Obstacles that stop beams of each scan, other ones in each; the sensors stand at the origins.
+    """
 
     def __post_init__(self) -> None:
         require(self.noise_m >= 0, "noise_m", self.noise_m, "metres of at least 0")
         require(0 < self.keep <= 1, "keep", self.keep, "above 0, at most 1")
         require(0 <= self.crop < 1, "crop", self.crop, "at least 0, below 1")
+        require(self.passers_by >= 0, "passers_by", self.passers_by, "0 or more")
 
 
 @dataclass

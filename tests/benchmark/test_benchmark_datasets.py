@@ -168,7 +168,7 @@ def square(truth):
 
 
 def test_noise_shakes_every_coordinate_by_what_was_asked(square):
-    shaken = disturb(square, noise_m=0.05)
+    shaken = disturb(square, DisturbanceConfig(noise_m=0.05))
     for before_m, after_m in (
         (square.source_m, shaken.source_m),
         (square.target_m, shaken.target_m),
@@ -178,14 +178,14 @@ def test_noise_shakes_every_coordinate_by_what_was_asked(square):
 
 
 def test_thinning_keeps_a_share_of_the_points_where_they_are(square):
-    thinned = disturb(square, keep=0.25)
+    thinned = disturb(square, DisturbanceConfig(keep=0.25))
     assert len(thinned.source_m) == pytest.approx(5000, rel=0.1)
     assert set(map(tuple, thinned.source_m)) <= set(map(tuple, square.source_m))
 
 
 def test_cropping_cuts_both_scans_from_opposite_sides(square):
     """Each loses 30 %, so 40 % of the square is in both: 4 / 7 of what is left of the source."""
-    cropped = disturb(square, crop=0.3)
+    cropped = disturb(square, DisturbanceConfig(crop=0.3))
     assert len(cropped.source_m) == len(cropped.target_m) == 14_000
     assert cropped.overlap is None
     assert measured_overlap(cropped, 0.1) == pytest.approx(4 / 7, abs=0.04)

@@ -8,8 +8,9 @@ from scipy.spatial import cKDTree
 
 from skipnet.benchmark.datasets.overlapping import KINDS, goal_overlap, make_pair, overlapping_pairs
 from skipnet.geometry import transform_points
+from skipnet.simulation.scanning.degrading import in_cone
 from skipnet.simulation.scanning.figures import HEIGHT_M, turn_figure
-from skipnet.simulation.scanning.views import DEVICES, in_cone, look_around
+from skipnet.simulation.scanning.views import DEVICES, look_around
 from skipnet.simulation.seeds import TUNING
 
 KIND_OF = {kind.name: kind for kind in KINDS}

@@ -1,4 +1,4 @@
-"""The confidence's fit, its calibration error, and the disturbances it learns from."""
+"""The confidence's fit, its calibration error."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from sklearn.linear_model import LogisticRegression
 from skipnet.metrics.calibration import expected_calibration_error
 from skipnet.registration.findings import FEATURES
 from skipnet.registration.verdict import MAX_VIOLATION
-from skipnet.simulation.scanning.degrading import add_passers_by
 from skipnet.studies.calibration import REGULARISATION, Trial, fit
 
 
@@ -46,18 +45,3 @@ def test_the_calibration_error_of_a_hand_worked_case():
     right = np.array([0.0, 0.0, 1.0, 0.0])
     # Half the cases are 0.15 too sure, half 0.95 - 0.5.
     assert expected_calibration_error(confidence, right) == pytest.approx(0.5 * 0.15 + 0.5 * 0.45)
-
-
-def test_passers_by_stop_beams_on_their_way():
-    rng = np.random.default_rng(1)
-    directions = rng.normal(size=(5000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    points_m = 5 * directions
-    moved_m = add_passers_by(points_m, 3, np.random.default_rng(2))
-    ranges_m = np.linalg.norm(moved_m, axis=1)
-    np.testing.assert_allclose(moved_m / ranges_m[:, None], directions, atol=1e-9)
-    stopped = ranges_m < 4.9
-    assert 0 < stopped.sum() < 1000
-    assert ranges_m[stopped].min() > 1.4 and ranges_m[stopped].max() < 4.1
-    np.testing.assert_array_equal(moved_m[~stopped], points_m[~stopped])
-    np.testing.assert_array_equal(add_passers_by(points_m, 0, rng), points_m)

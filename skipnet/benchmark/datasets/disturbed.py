@@ -11,7 +11,7 @@ import numpy as np
 from skipnet.benchmark.datasets.pairset import PairSet
 from skipnet.benchmark.options import DisturbanceConfig
 from skipnet.geometry import transform_points
-from skipnet.simulation.scanning.degrading import beyond, thin_and_shake
+from skipnet.simulation.scanning.degrading import add_passers_by, cut, shake, thin
 from skipnet.types import Pair
 
 
@@ -29,29 +29,32 @@ def disturbed_pairs(pair_set: PairSet, disturbances: Sequence[DisturbanceConfig]
     def load(index: int) -> Pair:
         """The pair of that index, disturbed as planned."""
         i, one = plan[index]
-        pair = disturb(pair_set.load(i), one.noise_m, one.keep, one.crop)
+        pair = disturb(pair_set.load(i), one)
         return replace(pair, name=names[index], set_name=f"{pair.set_name}, {one.name}")
 
     return PairSet(names, load)
 
 
-def disturb(pair: Pair, noise_m: float = 0.0, keep: float = 1.0, crop: float = 0.0) -> Pair:
-    """The pair with both scans cropped, thinned and shaken; the truth stays.
+def disturb(pair: Pair, how: DisturbanceConfig) -> Pair:
+    """The pair with both scans made worse; the truth stays.
 
     Args:
         pair: its name seeds every draw, so all methods see the same.
-        noise_m: standard deviation of the noise on every coordinate.
-        keep: share of the points that stay.
-        crop: share of each scan that a plane of random direction cuts off, of the source on one
-            side and of the target on the other; the overlap is then unknown.
+        how: passers-by come first, then cropping (by planes of random direction, the source on one
+            side and the target on the other; the overlap is then unknown), thinning and noise.
     """
     rng = np.random.default_rng([1, zlib.crc32(pair.name.encode())])
     source_m, target_m = pair.source_m, pair.target_m
-    if crop > 0:
+    if how.passers_by > 0:
+        source_m, target_m = (add_passers_by(p, how.passers_by, rng) for p in (source_m, target_m))
+    if how.crop > 0:
         direction = rng.standard_normal(3)
         source_in_target_m = transform_points(pair.T_target_source, source_m)
-        source_m = source_m[beyond(source_in_target_m @ direction, crop)]
-        target_m = target_m[beyond(target_m @ -direction, crop)]
-    source_m, target_m = (thin_and_shake(p, keep, noise_m, rng) for p in (source_m, target_m))
-    overlap = pair.overlap if crop == 0 else None
+        source_m = cut(source_m, source_in_target_m @ direction, how.crop)
+        target_m = cut(target_m, target_m @ -direction, how.crop)
+    if how.keep < 1:
+        source_m, target_m = (thin(p, how.keep, how.keep, rng) for p in (source_m, target_m))
+    if how.noise_m > 0:
+        source_m, target_m = (shake(p, how.noise_m, rng) for p in (source_m, target_m))
+    overlap = pair.overlap if how.crop == 0 else None
     return replace(pair, source_m=source_m, target_m=target_m, overlap=overlap)

@@ -44,7 +44,8 @@ def describe(config: EvaluateConfig) -> dict[str, str]:
     about |= make_dataset(config).describe()
     if config.disturbances:
         about["conditions"] = "; ".join(
-            f"{one.name}: noise {one.noise_m:g} m, {one.keep:.0%} of the points, {one.crop:.0%} cut"
+            f"{one.name}: noise {one.noise_m:g} m, {one.keep:.0%} of the points, "
+            f"{one.crop:.0%} cut, {one.passers_by} passers-by"
             for one in config.disturbances
         )
     protocol = PROTOCOLS[protocol_of(config)]

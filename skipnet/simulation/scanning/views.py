@@ -13,9 +13,10 @@ import numpy as np
 
 from skipnet.checks import suggestion
 from skipnet.geometry import invert, rotation_from_vector, transform_points
+from skipnet.simulation.scanning.degrading import blur_depth, fuse, in_cone
 from skipnet.simulation.scanning.pairs import simulate_scans
 from skipnet.simulation.scanning.scanner import SimulatedScan
-from skipnet.types import BoolArray, FloatArray
+from skipnet.types import FloatArray
 
 FARTHEST_TURN_RAD = np.deg2rad(150.0)
 """Views that look apart by this much hardly ever share anything."""
@@ -98,19 +99,11 @@ class Views:
         points_m = self.target[0].points_m
         aside = points_m @ way / np.linalg.norm(points_m, axis=1)
         focus_m = transform_points(self.target[0].T_world_sensor, points_m[[aside.argmax()]])
-        T_cloud_world = invert(scans[0].T_world_sensor)
         seen_m = []
         for scan in scans:
             axis = transform_points(invert(scan.T_world_sensor), focus_m)[0]
-            kept_m = scan.points_m[in_cone(scan.points_m, axis, self.half_angle_rad)]
-            seen_m.append(transform_points(T_cloud_world @ scan.T_world_sensor, kept_m))
-        return np.concatenate(seen_m)
-
-
-def in_cone(points_m: FloatArray, axis: FloatArray, half_angle_rad: float) -> BoolArray:
-    """(N,) which (N, 3) points lie within an angle of a (3,) direction, seen from the origin."""
-    along_m = points_m @ (axis / np.linalg.norm(axis))
-    return along_m > np.cos(half_angle_rad) * np.linalg.norm(points_m, axis=1)
+            seen_m.append(scan.points_m[in_cone(scan.points_m, axis, self.half_angle_rad)])
+        return fuse(seen_m, [scan.T_world_sensor for scan in scans])
 
 
 def look_around(family: str, seed: int, device: str) -> Views:
@@ -129,7 +122,9 @@ def look_around(family: str, seed: int, device: str) -> Views:
     model = DEVICES[device]
     rng = np.random.default_rng([seed, 3])
     scans, _ = simulate_scans(family, seed, 2 * model.places, model.scanner, "any", model.beams)
-    scans = [_noisier(scan, model.depth_noise_per_m, rng) for scan in scans]
+    if model.depth_noise_per_m > 0:
+        noisy_m = (blur_depth(scan.points_m, model.depth_noise_per_m, rng) for scan in scans)
+        scans = [replace(scan, points_m=p) for scan, p in zip(scans, noisy_m, strict=True)]
     # Places 0 and 1 are those of a pair; each further one joins the cloud of one of them.
     target, source = scans[::2], scans[1::2]
     up = target[0].T_world_sensor[:3, :3].T @ [0.0, 0.0, 1.0]
@@ -154,14 +149,3 @@ def _way_ahead(
     chosen = np.flatnonzero((np.sin(lowest_rad) < sine) & (sine < np.sin(HIGHEST_RAD)))
     way: FloatArray = ways[rng.choice(chosen)].astype(np.float64)
     return way / np.linalg.norm(way)
-
-
-def _noisier(
-    scan: SimulatedScan, depth_noise_per_m: float, rng: np.random.Generator
-) -> SimulatedScan:
-    """The scan with a depth camera's noise on top: its deviation grows with the range's square."""
-    if depth_noise_per_m == 0:
-        return scan
-    range_m = np.linalg.norm(scan.points_m, axis=1)
-    share = 1 + rng.normal(0, depth_noise_per_m * range_m)
-    return replace(scan, points_m=(scan.points_m * share[:, None]).astype(np.float32))
