@@ -104,22 +104,16 @@ def _count(
     last: IntArray,
     bin_of_place: IntArray,
 ) -> IntArray:
-    """Count what lies around voxels, by slice, kind, radius and height.
+    """Count what lies around (K, 3) voxels, by slice, kind, radius and height: (K, 501) int32.
 
-    Where each one lies is worked out for all of a run, several at a time, and none is left out
-    before it is counted: to decide would take longer.
+    Where each one lies is worked out for all of a run, several at a time; to leave some out would
+    take longer. The last column counts what is outside.
 
     Args:
-        middle: (K, 3) float32 the voxels, in those of the level.
+        middle: float32 the voxels, in those of the level.
         frames: (K, 3, 3) their axes and two tangents, in columns, as long as there are places.
         own: (K, 6) ``outer_products`` of their axes, times twice a little less than 1.
-        around: (9, W) centroids of the level and their normals' alignment, as in ``runs_around``.
-        first: (K, 3) of ``runs_around``.
-        last: likewise.
-        bin_of_place: of ``_bin_of_place``.
-
-    Returns:
-        (K, 501) int32; the last counts what is outside.
+        around, first, last, bin_of_place: of ``runs_around`` and of ``_bin_of_place``.
     """
     counts = np.zeros((len(middle), _BINS + 1), dtype=np.int32)
     places = np.empty(around.shape[1], dtype=np.int32)

@@ -15,7 +15,8 @@ from skipnet.registration.answer import Answer
 from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
 from skipnet.registration.hypotheses.correspondences import from_correspondences
 from skipnet.registration.hypotheses.hypotheses import Hypotheses
-from skipnet.registration.hypotheses.planes import from_planes, from_slides
+from skipnet.registration.hypotheses.planes import from_planes
+from skipnet.registration.hypotheses.slides import from_slides
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.result import Registration, ScanFacts

@@ -152,7 +152,8 @@ def _write_pair(
     names: Sequence[str],
     seed: int,
 ) -> None:
-    from skipnet.viz.pictures import draw_before_after, png_bytes
+    from skipnet.viz.pictures import draw_before_after
+    from skipnet.viz.views import png_bytes
 
     drawn_m = points_of(source.points_m), points_of(target.points_m)
     png = png_bytes(draw_before_after(*drawn_m, result.T_target_source))
@@ -178,7 +179,9 @@ def _write_placed(
     """Write the merged cloud of the scans that found a place, and a picture of it; return that."""
     from matplotlib.colors import to_rgb
 
-    from skipnet.viz.pictures import draw_scans, png_bytes, scan_colour
+    from skipnet.viz.colours import scan_colour
+    from skipnet.viz.pictures import draw_scans
+    from skipnet.viz.views import png_bytes
 
     placed, labels = [], []
     for number, (scan, T) in enumerate(zip(scans, T_first_scan, strict=True)):

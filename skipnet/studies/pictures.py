@@ -17,6 +17,8 @@ from skipnet.simulation.seeds import DEMO
 from skipnet.storage import write_bytes
 from skipnet.studies.options import PicturesConfig
 from skipnet.viz import pictures
+from skipnet.viz.colours import scan_colour
+from skipnet.viz.views import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +57,7 @@ def draw_documentation(folder: Path, seed: int = 0) -> list[Path]:
     written = []
     for name, draw in drawings.items():
         written.append(folder / f"{name}.png")
-        write_bytes(written[-1], pictures.png_bytes(draw(), DPI, COLOURS))
+        write_bytes(written[-1], png_bytes(draw(), DPI, COLOURS))
     return written
 
 
@@ -68,7 +70,7 @@ def draw_scene(simulated: SimulatedPair) -> Figure:
         x_m, y_m, z_m = scan.T_world_sensor[:3, 3]
         for axes, up_m in zip(figure.axes, (y_m, z_m), strict=True):
             star = axes.scatter(x_m, up_m, s=320, marker="*", edgecolors="black", zorder=9)
-            star.set_facecolor(pictures.scan_colour(number))
+            star.set_facecolor(scan_colour(number))
     return figure
 
 

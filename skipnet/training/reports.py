@@ -26,6 +26,7 @@ from skipnet.training.scores import CLASS_NAMES, table_rows
 from skipnet.training.task import Judgement
 from skipnet.types import FeatureClass, IntArray
 from skipnet.viz import dashboard, pictures
+from skipnet.viz.views import png_bytes
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
@@ -125,7 +126,7 @@ def write_results(
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
     figure = pictures.draw_confusion_matrix(counts, CLASS_NAMES)
-    (figures / "confusion.png").write_bytes(pictures.png_bytes(figure))
+    (figures / "confusion.png").write_bytes(png_bytes(figure))
 
 
 def markdown_table(rows: list[dict[str, Any]]) -> str:

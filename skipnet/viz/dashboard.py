@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.types import FloatArray, IntArray
-from skipnet.viz.pictures import class_colours, curvature_colours, draw_confusion_matrix, png_bytes
+from skipnet.viz.colours import class_colours, curvature_colours
+from skipnet.viz.pictures import draw_confusion_matrix
+from skipnet.viz.views import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,12 +8,10 @@ import pytest
 from skipnet.geometry import make_transform, random_rotation
 from skipnet.simulation.scanning.scanner import SCANNERS
 from skipnet.simulation.scenes.scenes import make_scene, place_sensors
-from skipnet.training.data.labels import (
-    LabelRule,
+from skipnet.training.data.labels import LabelRule, classify_surfaces, label_positions
+from skipnet.training.data.visibility import (
     VisibleSurface,
     beam_density,
-    classify_surfaces,
-    label_positions,
     sample_scene,
     visible_surface,
 )

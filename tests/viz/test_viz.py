@@ -11,13 +11,13 @@ import pytest
 
 from skipnet.geometry import make_transform
 from skipnet.types import FeatureClass
-from skipnet.viz import dashboard, html, pictures
+from skipnet.viz import colours, dashboard, html, pictures, views
 
 
 def pixels(figure):
     from matplotlib.image import imread
 
-    return (imread(io.BytesIO(pictures.png_bytes(figure, dpi=60)))[..., :3] * 255).round()
+    return (imread(io.BytesIO(views.png_bytes(figure, dpi=60)))[..., :3] * 255).round()
 
 
 def share_of(colour, image):
@@ -38,26 +38,26 @@ def test_before_after_draws_both_scans_and_moves_the_source(square):
     before, after = (
         np.concatenate([line.get_xdata() for line in axes.lines]) for axes in figure.axes[:2]
     )
-    assert len(before) == len(after) == 2 * len(pictures.thin(square))
+    assert len(before) == len(after) == 2 * len(views.thin(square))
     assert before.min() < 0.1 and before.max() > 13.9
     assert after.min() > 9.9
-    views = ("from above", "from the side")
-    titles = [f"{stage}, {view}" for view in views for stage in ("before", "after")]
+    sides = ("from above", "from the side")
+    titles = [f"{stage}, {view}" for view in sides for stage in ("before", "after")]
     assert [axes.get_title() for axes in figure.axes] == titles
     image = pixels(figure)
-    assert share_of(pictures.SOURCE_COLOUR, image) > 0.001
-    assert share_of(pictures.TARGET_COLOUR, image) > 0.001
+    assert share_of(colours.SOURCE_COLOUR, image) > 0.001
+    assert share_of(colours.TARGET_COLOUR, image) > 0.001
 
 
 def test_a_palette_makes_a_picture_smaller_and_keeps_its_colours(square):
     figure = pictures.draw_before_after(square, square, make_transform(np.eye(3), np.ones(3)))
-    whole, small = pictures.png_bytes(figure), pictures.png_bytes(figure, colours=64)
+    whole, small = views.png_bytes(figure), views.png_bytes(figure, colours=64)
     assert len(small) < 0.6 * len(whole)
     from matplotlib.image import imread
 
     image = (imread(io.BytesIO(small), format="png")[..., :3] * 255).round()
-    assert share_of(pictures.SOURCE_COLOUR, image) > 0.001
-    assert share_of(pictures.TARGET_COLOUR, image) > 0.001
+    assert share_of(colours.SOURCE_COLOUR, image) > 0.001
+    assert share_of(colours.TARGET_COLOUR, image) > 0.001
 
 
 def test_the_longer_side_runs_to_the_right_and_is_still_seen_from_above(square):
@@ -90,17 +90,17 @@ def test_skipmap_pictures_show_flat_dark_blue_and_curved_bright_yellow(square):
     assert share_of("#0d0887", image) > 0.005
     assert share_of("#f0f921", image) > 0.005
     image = pixels(pictures.draw_skipmap_by_class(square, np.full(len(square), FeatureClass.EDGE)))
-    assert share_of(pictures.CLASS_COLOURS[FeatureClass.EDGE], image) > 0.005
+    assert share_of(colours.CLASS_COLOURS[FeatureClass.EDGE], image) > 0.005
 
 
 def test_colours_of_values():
     np.testing.assert_array_equal(
-        pictures.curvature_colours(np.array([0.0, pictures.CURVATURE_OF_BRIGHTEST, 1.0])),
+        colours.curvature_colours(np.array([0.0, colours.CURVATURE_OF_BRIGHTEST, 1.0])),
         [[12, 7, 134], [239, 248, 33], [239, 248, 33]],
     )
-    colours = pictures.class_colours(np.array(list(FeatureClass)))
-    assert ["#" + bytes(row.tolist()).hex().upper() for row in colours] == list(
-        pictures.CLASS_COLOURS.values()
+    shades = colours.class_colours(np.array(list(FeatureClass)))
+    assert ["#" + bytes(row.tolist()).hex().upper() for row in shades] == list(
+        colours.CLASS_COLOURS.values()
     )
 
 
@@ -115,12 +115,12 @@ def test_thinning_keeps_real_points_evenly_and_always_the_same():
     dense = np.concatenate(
         [rng.normal(0, 0.05, size=(90_000, 3)), rng.uniform(-5, 5, size=(20_000, 3))]
     )
-    thinned = pictures.thin(dense, most=5000)
+    thinned = views.thin(dense, most=5000)
     assert len(thinned) == 5000
     assert len(np.unique(np.concatenate([dense, thinned]), axis=0)) == len(dense)
     assert (np.abs(thinned).max(axis=1) < 0.2).mean() < 0.1
-    np.testing.assert_array_equal(thinned, pictures.thin(dense, most=5000))
-    assert len(pictures.thin(np.ones((5, 3)))) == 1
+    np.testing.assert_array_equal(thinned, views.thin(dense, most=5000))
+    assert len(views.thin(np.ones((5, 3)))) == 1
 
 
 class Outline(HTMLParser):
@@ -144,7 +144,7 @@ class Outline(HTMLParser):
 
 
 def test_a_page_is_well_formed_escaped_and_loads_nothing():
-    png = pictures.png_bytes(pictures.draw_confusion_matrix(np.eye(2, dtype=int), ["a", "b"]))
+    png = views.png_bytes(pictures.draw_confusion_matrix(np.eye(2, dtype=int), ["a", "b"]))
     text = html.page(
         "A <title> & $more",
         html.status_banner("failed", "because 1 < 2", 0.256),

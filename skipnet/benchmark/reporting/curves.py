@@ -10,7 +10,7 @@ import numpy as np
 from skipnet.benchmark.reporting.comparison import confidences, overlap_curve
 from skipnet.benchmark.reporting.tables import final_rows
 from skipnet.benchmark.scoring.scoring import ScoreRow
-from skipnet.viz.pictures import SCAN_COLOURS
+from skipnet.viz.colours import SCAN_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

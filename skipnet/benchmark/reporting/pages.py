@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from skipnet.provenance import versions
 from skipnet.storage import write_bytes, write_text
 from skipnet.viz import html
-from skipnet.viz.pictures import png_bytes
 from skipnet.viz.tables import Table
+from skipnet.viz.views import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

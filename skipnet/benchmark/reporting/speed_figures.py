@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from skipnet.benchmark.options import EvaluateConfig
 from skipnet.benchmark.reporting.tables import PAPER_TABLE_2
-from skipnet.viz.pictures import scan_colour
+from skipnet.viz.colours import scan_colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -34,12 +34,7 @@ from skipnet.benchmark.scoring.predictions import (
     read_predictions,
     save_correspondences,
 )
-from skipnet.benchmark.scoring.scoring import (
-    Scorer,
-    best_of_groups,
-    choose_best,
-    score_predictions,
-)
+from skipnet.benchmark.scoring.scoring import Scorer, best_of_groups, choose_best, score_predictions
 from skipnet.storage import write_config
 from skipnet.types import FloatArray, Pair
 

@@ -18,7 +18,8 @@ from skipnet.simulation.scanning.scanner import Scanner, SimulatedScan, find_sca
 from skipnet.simulation.scenes.scenes import Scene
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, build_skipmap
-from skipnet.training.data.labels import LabelRule, label_positions, visible_surface
+from skipnet.training.data.labels import LabelRule, label_positions
+from skipnet.training.data.visibility import visible_surface
 from skipnet.types import FeatureClass, FloatArray, IntArray
 
 SCANS_PER_SCENE = 2
