@@ -1,23 +1,20 @@
 """LAS and LAZ files, through laspy, a piece at a time.
 
-What the library would believe of a damaged header is held against the file first: a false number
-of chunks ends the process in its decompressor, a false number of records keeps it for ever.
 Format: ASPRS, LAS specification 1.4.
 """
 
 from __future__ import annotations
 
-import os
-import struct
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skipnet.checks import METRES_PER_UNIT, missing_package
 from skipnet.clouds.cloud import Cloud, concatenate
 from skipnet.clouds.formats.columns import cloud_of_columns, stacked
+from skipnet.clouds.formats.las_sizes import check_sizes
 from skipnet.storage import replacing
 
 if TYPE_CHECKING:
@@ -25,8 +22,6 @@ if TYPE_CHECKING:
 
 RECORDS_AT_ONCE = 1 << 18
 """Records read in one go."""
-_VLR_BYTES, _EVLR_BYTES = 54, 60
-_SHORTEST_HEADER, _LONGEST_RECORD = 227, 1 << 12
 _SCALE_M = 1e-4
 """Of what is written: a tenth of a millimetre reaches 200 km about the offset."""
 
@@ -41,10 +36,11 @@ def read_las(path: Path) -> Iterator[Cloud]:
         import laspy
     except ModuleNotFoundError as error:
         raise missing_package(path, "laspy") from error
-    _check_sizes(path)
+    check_sizes(path)
     present = 0
     try:
-        with laspy.open(path) as file:
+        # In one thread: the parallel decompressor takes as much memory as a damaged file asks for.
+        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as file:
             header = file.header
             crs = _crs(header)
             for records in file.chunk_iterator(RECORDS_AT_ONCE):
@@ -80,51 +76,6 @@ def _crs(header: laspy.LasHeader) -> str:
         if record.user_id == "LASF_Projection" and record.record_id == 2112 and text:
             return str(text).strip("\0 ")
     return ""
-
-
-def _check_sizes(path: Path) -> None:
-    """Hold what the header announces against the file's size."""
-    with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        head = file.read(375).ljust(375, b"\0")
-        if head[:4] != b"LASF":
-            raise ValueError(f"{path}: not a LAS/LAZ file: it does not begin with LASF")
-        header_bytes, points_at, vlrs = struct.unpack_from("<HII", head, 94)
-        kind, record_bytes, count = struct.unpack_from("<BHI", head, 104)
-        version = head[24], head[25]
-        if version >= (1, 4):
-            evlrs_at, evlrs, count = struct.unpack_from("<QIQ", head, 235)
-            _require(evlrs == 0 or evlrs_at + evlrs * _EVLR_BYTES <= size, "extended records", path)
-        _require(_SHORTEST_HEADER <= header_bytes <= points_at <= size, "header", path)
-        _require(header_bytes + vlrs * _VLR_BYTES <= points_at, "variable-length records", path)
-        _require(0 < record_bytes < _LONGEST_RECORD, "record length", path)
-        if kind & 0x80:
-            _check_chunks(file, points_at, record_bytes, size, path)
-        else:
-            held = (size - points_at) // record_bytes
-            if held < count:
-                raise ValueError(
-                    f"{path}: truncated: its header announces {count} points, it holds {held}"
-                )
-
-
-def _check_chunks(file: BinaryIO, points_at: int, record_bytes: int, size: int, path: Path) -> None:
-    """Of a compressed file: where its table of chunks stands, and how many it can have."""
-    file.seek(points_at)
-    (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-    if table_at == -1:  # written to a stream: the place stands at the file's end
-        file.seek(max(0, size - 8))
-        (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-    _require(points_at + 8 <= table_at <= size - 8, "table of chunks", path)
-    file.seek(table_at + 4)
-    (chunks,) = struct.unpack("<I", file.read(4))
-    # Every chunk begins with one record that is not compressed.
-    _require(chunks * record_bytes <= table_at - points_at, "number of chunks", path)
-
-
-def _require(fits: bool, what: str, path: Path) -> None:
-    if not fits:
-        raise ValueError(f"{path}: truncated or damaged: its {what} cannot be right for its size")
 
 
 def write_las(path: Path, clouds: Iterable[Cloud]) -> None:

@@ -39,6 +39,8 @@ def read_mesh(path: Path, kind: str) -> Iterator[Cloud]:
             )
             for part in loaded.dump()
         ]
+        if not all(vertices.ndim == 2 and vertices.shape[1] == 3 for vertices, _, _ in parts):
+            raise ValueError("its vertices are no places")
     except Exception as error:  # trimesh passes on whatever its parsers raise
         message = " ".join(str(error).split())[:160]
         raise ValueError(f"{path}: truncated or not a mesh ({kind}): {message}") from error
@@ -49,7 +51,8 @@ def _colours(part: object) -> IntArray | None:
     visual = getattr(part, "visual", None)
     if getattr(visual, "kind", None) != "vertex":
         return None
-    return np.asarray(visual.vertex_colors, np.uint8)[:, :3]  # type: ignore[union-attr]
+    colours = np.asarray(getattr(visual, "vertex_colors", None), np.uint8)
+    return colours[:, :3] if colours.ndim == 2 else None
 
 
 def _cloud(parts: list[tuple[np.ndarray, np.ndarray | None, IntArray | None]], path: Path) -> Cloud:

@@ -61,7 +61,7 @@ def _read_header(lines: list[str], path: Path) -> tuple[int, FloatArray]:
     if not np.isfinite(T_file_scan).all() or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
         raise ValueError(f"{path}: damaged: the transform of a scan is no rigid motion")
     beams = columns * lines_of_beams
-    if not (beams == int(beams) and 0 <= beams < 2**40):
+    if not (0 <= beams < 2**40 and beams == int(beams)):
         raise ValueError(f"{path}: damaged: a scan of {columns:g} x {lines_of_beams:g} beams")
     return int(beams), T_file_scan
 

@@ -52,7 +52,9 @@ def read_text(path: Path) -> Iterator[Cloud]:
         if first is None:
             raise ValueError(f"{path}: holds no points")
         while first is not None:
-            count = int(first.strip()) if re.fullmatch(r"\s*\d+\s*", first) else None
+            count = int(first) if re.fullmatch(r"\s*\d{1,18}\s*", first) else None
+            if count is not None and count > path.stat().st_size:
+                raise ValueError(f"{path}: truncated: it announces {count} points")
             rows = lines if count is not None else chain([first], lines)
             yield from _block(islice(rows, count), count, path)
             first = next(lines, None)
