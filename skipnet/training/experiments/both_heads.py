@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,31 +15,28 @@ import torch
 
 from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
 from skipnet.metrics import correspondences as judging
-from skipnet.metrics.correspondences import TwoScans
 from skipnet.networks.catalog import load_network, rounded, save_network
 from skipnet.networks.describing import KEPT_SHARE
 from skipnet.networks.devices import find_device
 from skipnet.networks.model import Model
 from skipnet.networks.names import SHIPPED_WEIGHTS
 from skipnet.networks.numpy_network import SmallNetwork
-from skipnet.parallel.pools import Each, mapping, worker_pool
-from skipnet.simulation.scanning.degrading import Recipe
+from skipnet.parallel.pools import worker_pool
 from skipnet.simulation.scenes.scenes import check_families
-from skipnet.simulation.seeds import DESCRIPTOR_TEST, DESCRIPTOR_VALIDATION, TRAINING
 from skipnet.storage import write_config, write_text
 from skipnet.training import reports
-from skipnet.training.data.labelled import Samples, make_samples
-from skipnet.training.data.pairs import make_patch_pairs, make_scans
-from skipnet.training.experiments.classes_alone import check_settings, class_labelling, class_seeds
+from skipnet.training.data.labelled import Samples
+from skipnet.training.descriptor_options import DescriptorTrainConfig
+from skipnet.training.experiments.classes_alone import check_settings
+from skipnet.training.experiments.lessons import Sets, Unseen, make_sets, make_unseen
 from skipnet.training.networks.cyclic import DescriptorNetwork, Widths
 from skipnet.training.networks.perceptron import Classifier, classify, round_to_half
 from skipnet.training.optimizers import find_optimizer
-from skipnet.training.options import AugmentationConfig, DescriptorTrainConfig, TrainConfig
+from skipnet.training.options import TrainConfig
 from skipnet.training.schedule import Schedule
 from skipnet.training.scores import score, table_rows
 from skipnet.training.tasks.classes import (
     head_arrays,
-    sample_weights,
     train_classifier,
     with_hidden,
 )
@@ -53,26 +48,8 @@ from skipnet.viz import dashboard
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
-SEEDS = {"training": TRAINING, "validation": DESCRIPTOR_VALIDATION, "test": DESCRIPTOR_TEST}
 Trained = Outcome[DescriptorNetwork]
 CHECKPOINT, CLASSES_CHECKPOINT = "checkpoint.pt", "classes_checkpoint.pt"
-
-
-@dataclass(frozen=True)
-class Sets:
-    """What the network learns from and is watched on."""
-
-    lessons: Lessons
-    validation: Sequence[TwoScans]
-    validation_classes: Samples
-
-
-@dataclass(frozen=True)
-class Unseen:
-    """What the network is judged on."""
-
-    scans: Sequence[TwoScans]
-    classes: Samples
 
 
 def train_both_heads(config: TrainConfig) -> dict[str, Any]:
@@ -147,55 +124,6 @@ def learn(
         judged = aside.submit(reports.judge_on_unseen, shared, unseen.scans)
         head = fit_classes(config, sets, shared, writer)
         return outcome, shared.weights | head, unseen, judged.result()
-
-
-def make_sets(config: TrainConfig) -> Sets:
-    """Simulate what the network learns from and is watched on."""
-    options = config.descriptor
-    with mapping(config.data.workers) as each:
-        pairs = make_patch_pairs(
-            options.families,
-            _seeds(options, "training"),
-            options.patches_per_scans,
-            scan_recipe(options.augmentation),
-            each,
-        )
-        classes = _labelled(config, "training", each)
-        weights = sample_weights(classes, config.frequency_strength)
-        return Sets(
-            Lessons(pairs, classes, weights),
-            _scans(options, "validation", each),
-            _labelled(config, "validation", each),
-        )
-
-
-def make_unseen(config: TrainConfig) -> Unseen:
-    """Simulate what it is judged on, in this process."""
-    return Unseen(_scans(config.descriptor, "test", map), _labelled(config, "test", map))
-
-
-def _seeds(options: DescriptorTrainConfig, name: str) -> range:
-    """Of the pairs of scans of one set."""
-    count: int = getattr(options, f"{name}_pairs")
-    return SEEDS[name].take(count)
-
-
-def _scans(options: DescriptorTrainConfig, name: str, each: Each) -> list[TwoScans]:
-    """Pairs of scans of one set."""
-    how = scan_recipe(options.augmentation)
-    return make_scans(options.families, _seeds(options, name), how, each)
-
-
-def _labelled(config: TrainConfig, name: str, each: Each) -> Samples:
-    """Labelled patches of one set, with what is around them; of the test's none is left out."""
-    sampled = class_labelling(config.data, thinned=name != "test", with_surroundings=True)
-    return make_samples(config.data.families, class_seeds(config.data, name), sampled, each)
-
-
-def scan_recipe(options: AugmentationConfig) -> Recipe:
-    """How scans become examples under this configuration."""
-    values = dict(vars(options))
-    return Recipe(**{**values, "noise_voxels": tuple(options.noise_voxels)})
 
 
 def fit(config: TrainConfig, sets: Sets, writer: SummaryWriter, device: torch.device) -> Trained:
