@@ -7,7 +7,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 APT_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint results clean
 
 demo: $(VENV)/.ready
 	@echo "Two scans of a simulated room are registered; the first call compiles the loops, some seconds."
@@ -23,6 +23,10 @@ lint: $(VENV)/.ready-for-tests
 	$(VENV)/bin/ruff format --check --quiet .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports --no-cache
+
+results: $(VENV)/.ready-for-tests
+	@echo "Every table of docs/results.md: forty minutes on two quiet processors; a second call goes on."
+	$(PY) -m skipnet study results $(if $(DATA),data=$(DATA))
 
 clean:
 	rm -rf $(VENV) build *.egg-info runs outputs multirun

@@ -19,3 +19,32 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "not installed"
     return found
+
+
+def machine() -> dict[str, str]:
+    """What it runs on: processor, the cores that it may use, memory and system."""
+    import os
+    import platform
+
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "processor": _field("/proc/cpuinfo", "model name") or platform.processor() or "unknown",
+        "cores": str(cores),
+        "memory": _gigabytes(_field("/proc/meminfo", "MemTotal")),
+        "system": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def _field(path: str, name: str) -> str:
+    """The first value of that name in a file of Linux's; empty where there is none."""
+    try:
+        with open(path, encoding="utf-8") as file:
+            lines = (line.partition(":") for line in file)
+            return next((value.strip() for key, _, value in lines if key.strip() == name), "")
+    except OSError:
+        return ""
+
+
+def _gigabytes(kilobytes: str) -> str:
+    digits = kilobytes.removesuffix("kB").strip()
+    return f"{int(digits) / 2**20:.0f} GB" if digits.isdigit() else "unknown"

@@ -110,6 +110,24 @@ class PicturesConfig(StudyConfig):
     """Draw the pictures of the documentation."""
 
 
+@dataclass
+class ResultsConfig(StudyConfig):
+    """Measure every table of docs/results.md on one commit."""
+
+    seed: int = 0
+    """Handed on to every command; 0 leaves each its own."""
+    output_dir: str = "runs/results"
+    """Folder of the runs behind the tables; what it holds of this commit is not measured again."""
+    data: str | None = None
+    """Folder of real pairs with a pairs.json; null leaves their tables out."""
+    only: list[str] = field(default_factory=list)
+    """Names of the blocks to measure; empty takes all."""
+    small: bool = False
+    """Tiny sizes, and of changed files too: to see that it works, not to show it."""
+    pages: list[str] = field(default_factory=lambda: ["docs/results.md", "README.md"])
+    """Pages whose marked blocks are filled."""
+
+
 STUDIES: dict[str, type[StudyConfig]] = {
     "vigilance": VigilanceConfig,
     "accuracy": AccuracyConfig,
@@ -117,5 +135,6 @@ STUDIES: dict[str, type[StudyConfig]] = {
     "misses": MissesConfig,
     "inliers": InliersConfig,
     "pictures": PicturesConfig,
+    "results": ResultsConfig,
 }
 """Each is a module of this room with a ``run``, and a file of configs/study."""
