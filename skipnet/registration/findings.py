@@ -9,6 +9,7 @@ import numpy as np
 
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN, seen_again
 from skipnet.registration.judging.score import STRAY_SHARE, Score
 from skipnet.registration.judging.sliding import (
     MIN_DETERMINED,
@@ -21,6 +22,10 @@ from skipnet.types import FloatArray, IntArray
 
 AMBIGUOUS_LEAD = 0.1
 """A rival whose score comes within this share of the best one's explains the data as well."""
+MIN_DECISIVE = 0.3
+"""... unless what tells the two apart speaks for the best one as clearly as this."""
+MOST_RIVALS = 12
+"""Rivals with which the best pose is compared voxel by voxel."""
 HARMLESS_OVERLAP = 0.2
 """... and so does one that contradicts nothing, if this much agrees and the best pose does ..."""
 HARMFUL_VIOLATION = 0.003
@@ -52,6 +57,10 @@ class Findings:
         "overlap",
         "violation",
         "margin",
+        "decisiveness",
+        "mismatch",
+        "seen_again",
+        "riding_worth",
         "matched_voxels",
         "held_voxels",
         "position_std_m",
@@ -70,10 +79,22 @@ class Findings:
     """Mean of both ways' shares in seen free space."""
     margin: float
     """Lead over the best distinct alternative's score, as a share of the own; 1 without a rival."""
+    decisiveness: float
+    """How clearly the voxels on which the best pose and its nearest rival differ speak for it, -1
+    to 1; 1 without a rival."""
+    mismatch: float
+    """Of what comes near the other scan's surface, the share of the worth that lies beside it."""
+    seen_again: float
+    """Where the pose leaves both sensors at one place: the share of what stands out afar that both
+    scans have; 1 otherwise."""
+    riding_worth: float
+    """Voxels' worth of what lies near both sensors at the same place, as what rides along does."""
     matched: int
     """Correspondences of the fine alignment."""
     held_voxels: float
     """Voxels, in effect, that face the motion against which the pose is held least."""
+    is_sparse: bool
+    """One of the scans is: its normals are rough."""
     blind: float
     """Share of the two scans whose viewpoint is unknown: they contradict nothing."""
     covariance: FloatArray
@@ -85,6 +106,13 @@ class Findings:
     """(F, 3) unit axes in the target's frame about which the data let the pose turn."""
     alternatives: FloatArray
     """(A, 4, 4) distinct poses that explain the data as well."""
+
+    @property
+    def may_only_ride(self) -> bool:
+        """Both sensors would have stood at one place, and yet have seen different things: rings on
+        flat ground, or what rides along, may be all that speaks for it."""
+        may_ride = self.is_sparse or self.riding_worth > MIN_RIDING
+        return self.seen_again < MIN_SEEN_AGAIN and may_ride
 
     @property
     def position_std_m(self) -> float:
@@ -103,6 +131,10 @@ class Findings:
             self.overlap,
             self.violation,
             self.margin,
+            self.decisiveness,
+            self.mismatch,
+            self.seen_again,
+            self.riding_worth,
             self.matched,
             self.held_voxels,
             self.position_std_m,
@@ -158,21 +190,29 @@ def find_out(
     harmless &= score.overlap[rivals] >= HARMLESS_OVERLAP
     harmless &= score.violation[first] >= HARMFUL_VIOLATION
     closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
+    decisive = judge.decisiveness(T_target_source[first], T_target_source[rivals[:MOST_RIVALS]])
+    equal = lead < AMBIGUOUS_LEAD
+    equal[:MOST_RIVALS] &= decisive < MIN_DECISIVE
     directions = _free_directions(judge, best, is_sparse)
     share, _ = holds_against(best.information[0], best.matched[0], best.spread_m[0])
     return Findings(
         overlap=float(score.overlap[first]),
         violation=float(score.violation[first]),
         margin=float(max(1 - closest / top, 0.0)),
+        decisiveness=float(decisive.min(initial=1.0)),
+        mismatch=float(score.mismatch_rate[first]),
+        seen_again=seen_again(judge, best.T_target_source[0]),
+        riding_worth=judge.riding_worth,
         matched=int(best.matched[0]),
         held_voxels=float(share[0] * best.matched[0]),
+        is_sparse=is_sparse,
         blind=float(np.mean([not scan.oriented for scan in (judge.source, judge.target)])),
         covariance=best.covariance[0],
         free_directions=directions,
         # A plane's or a pipe's turns would only repeat its slides; normals of sparse scans are too
         # rough to tell.
         free_turns=np.zeros((0, 3)) if len(directions) or is_sparse else _free_turns(judge, best),
-        alternatives=T_target_source[rivals[(lead < AMBIGUOUS_LEAD) | harmless]],
+        alternatives=T_target_source[rivals[equal | harmless]],
     )
 
 

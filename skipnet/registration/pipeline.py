@@ -18,6 +18,7 @@ from skipnet.registration.hypotheses.hypotheses import Hypotheses
 from skipnet.registration.hypotheses.planes import from_planes
 from skipnet.registration.hypotheses.slides import from_slides
 from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.result import Registration, ScanFacts
 from skipnet.registration.settling import settle
@@ -126,13 +127,12 @@ def _with_strays(reason: str, strays: int) -> str:
 def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:
     """Propose, verify and refine, one generator after the other until the verdict is clear."""
     with clock("classes"):
-        source, target = (
-            scan.weighing_features(config.feature_weight) for scan in (source, target)
-        )
+        source, target = (scan.valued(config.feature_weight) for scan in (source, target))
     answer = Answer.none()
     if min(len(source.skipmap), len(target.skipmap)) == 0:
         return answer
     judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
+    judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
     for generator in config.generators:
         if is_enough(answer.verdict, generator):
             break

@@ -44,6 +44,13 @@ def decide(findings: Findings) -> Verdict:
     if findings.violation > MAX_VIOLATION:
         reason = f"{seen}, but {findings.violation:.1%} lie where the other sensor saw free space"
         return Verdict(Status.FAILED, min(confidence, _calibration().refused), reason)
+    if findings.may_only_ride:
+        reason = (
+            f"{seen} if the sensor stood still, but of what stands farther off only "
+            f"{findings.seen_again:.0%} is seen again: what rides with the sensor, or its rings on "
+            "flat ground, may be all that speaks for it; crop that, or give a rough motion"
+        )
+        return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
     if len(findings.free_directions):
         axis = np.array2string(findings.free_directions[0], precision=2, suppress_small=True)
         reason = f"{seen}, but nothing fixes the position along {axis} in the target's frame"

@@ -9,7 +9,10 @@ import numpy as np
 from skipnet.scans.range_image import RangeImage, build_range_image
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
+
+CLEAR_CURVATURE = 0.06
+"""An edge of 90 degrees has 0.1 and more, noise of 20 % of a voxel 0.05."""
 
 
 @dataclass(frozen=True)
@@ -21,19 +24,29 @@ class Evidence:
     normals: FloatArray
     """(V, 3) float32 unit normals, likewise."""
     weights: FloatArray
-    """(V,) how much each voxel says, likewise; edges and corners more than planes."""
+    """(V,) float32 how much each voxel says, likewise; see ``skipnet.scans.worth``."""
+    rates: FloatArray
+    """(V,) float32 how readily each voxel is sampled, likewise ..."""
+    arrivals: FloatArray
+    """(V,) float32 ... and when it was, ascending: exponential times at these rates."""
     order: IntArray
     """(V,) row in the Skip-map of each voxel in this order."""
     oriented: bool
     """Normals point to the sensor, so opposite ones are different surfaces."""
+    clear: BoolArray
+    """(V,) the voxel is flat enough for its normal to speak against a surface near it, likewise."""
     surfaces: FloatArray
     """(V, 4) float32 normal and offset of each voxel's plane, in the Skip-map's order."""
     centroid_errors_voxels: FloatArray
     """(V,) deviation of each voxel's centroid along its normal, in the Skip-map's order."""
     near: CellTable
     """Row in ``surfaces`` of the voxel that a point lies on or next to."""
+    clear_there: BoolArray
+    """(V,) as ``clear``, in the Skip-map's order."""
     range_image: RangeImage | None
     """None when the viewpoint is unknown: judged without free space."""
+    trust: float = 1.0
+    """How far the viewpoint explains what is visible, 0 to 1: what its free space counts for."""
 
     @property
     def voxel_size_m(self) -> float:
@@ -45,9 +58,39 @@ class Evidence:
         """(3,) mean of the voxels."""
         return self.points_m.mean(axis=0, dtype=np.float64)
 
-    def weighing(self, weights: FloatArray) -> Evidence:
-        """The same evidence with (V,) weights, given in the Skip-map's order."""
-        return replace(self, weights=weights[self.order].astype(np.float32))
+    def weighing(self, share: FloatArray) -> Evidence:
+        """The same evidence, each voxel with (V,) a share of its say, in the Skip-map's order."""
+        return replace(self, weights=(self.weights * share[self.order]).astype(np.float32))
+
+    def valued(self, worth: FloatArray) -> Evidence:
+        """The same evidence with (V,) weights above 0, in the Skip-map's order, sampled by them.
+
+        Voxels arrive at exponential times, whose rates are their weights: the first so many are a
+        weighted sample without replacement (Efraimidis & Spirakis 2006).
+        """
+        rates = worth[self.order]
+        arrivals = self.arrivals * self.rates / rates
+        rows = np.argsort(arrivals, kind="stable")
+        rates, arrivals = (a[rows].astype(np.float32) for a in (rates, arrivals))
+        return replace(
+            self,
+            points_m=self.points_m[rows],
+            normals=self.normals[rows],
+            clear=self.clear[rows],
+            weights=rates,
+            rates=rates,
+            arrivals=arrivals,
+            order=self.order[rows],
+        )
+
+    def shares(self, samples: int) -> FloatArray:
+        """(2, S) what the first so many voxels stand for, by number and by weight; each sums to 1."""
+        count = min(samples, len(self.points_m))
+        chance = np.ones(count, dtype=np.float32)
+        if samples < len(self.points_m):
+            chance = -np.expm1(-self.rates[:count] * self.arrivals[count])
+        each = np.stack([np.ones(count, dtype=np.float32), self.weights[:count]]) / chance
+        return each / each.sum(axis=1, keepdims=True)
 
 
 def build_evidence(
@@ -68,7 +111,9 @@ def build_evidence(
     viewpoint_m = skipmap.viewpoint_m
     points, normals = (a.astype(np.float32) for a in (skipmap.centroids_m, skipmap.normals))
     offsets_m = np.einsum("vi,vi->v", points, normals)
-    order = rng.permutation(len(skipmap))
+    arrivals = rng.exponential(size=len(skipmap))
+    order = np.argsort(arrivals, kind="stable")
+    clear = skipmap.curvatures < CLEAR_CURVATURE
     range_image = (
         None if viewpoint_m is None else build_range_image(points_m, viewpoint_m, T_own_points)
     )
@@ -76,11 +121,15 @@ def build_evidence(
         points_m=points[order],
         normals=normals[order],
         weights=np.ones(len(skipmap), dtype=np.float32),
+        rates=np.ones(len(skipmap), dtype=np.float32),
+        arrivals=arrivals[order].astype(np.float32),
+        clear=clear[order],
         order=order,
         oriented=viewpoint_m is not None,
         surfaces=np.column_stack([normals, offsets_m]),
         centroid_errors_voxels=centroid_errors_voxels(skipmap),
         near=CellTable(skipmap.cells, skipmap.voxel_size_m, skipmap.origin_m, with_neighbours=True),
+        clear_there=clear,
         range_image=range_image,
     )
 

@@ -24,6 +24,13 @@ class RangeImage:
     nearest_m: FloatArray
     """(B, B) nearest range seen in or next to each bin; 0 where nothing was seen."""
 
+    def sees(self, T_image_points: FloatArray, points_m: FloatArray) -> BoolArray:
+        """(V,) whether something was seen in the direction of (V, 3) points under a (4, 4) motion,
+        before or behind them."""
+        T = np.array(T_image_points[:3])
+        T[:, 3] -= self.viewpoint_m
+        return _sees(T.astype(points_m.dtype), points_m, self.nearest_m)
+
     def in_front(
         self,
         T_image_points: FloatArray,
@@ -140,3 +147,17 @@ def _in_front(
                 seen_m = seen_share * nearest_m[line, column] - free_m
                 front[c, s] = seen_m > 0 and x * x + y * y + z * z < seen_m * seen_m
     return front
+
+
+@compiled
+def _sees(T: FloatArray, points_m: FloatArray, nearest_m: FloatArray) -> BoolArray:
+    """See ``RangeImage.sees``; the sensor is at 0."""
+    seen = np.zeros(len(points_m), dtype=np.bool_)
+    for s in range(len(points_m)):
+        x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
+        x = T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3]
+        y = T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3]
+        z = T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3]
+        line, column = octahedral_bin(x, y, z, len(nearest_m))
+        seen[s] = nearest_m[line, column] > 0
+    return seen

@@ -25,6 +25,7 @@ from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.scans.evidence import Evidence, build_evidence
 from skipnet.scans.sparse import thin
 from skipnet.scans.viewpoint import find_viewpoint
+from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
 from skipnet.skipmap.tree import Points, SkipTree, build_tree, points_of
@@ -168,13 +169,14 @@ class Scan:
         edge = self.features.classes == FeatureClass.EDGE
         return find_lines(self.skipmap, self.features.rows[edge])
 
-    def weighing_features(self, weight: float) -> Scan:
-        """The same scan, judged with ``weight`` for edge and corner voxels and 1 for the others."""
-        if weight == 1:
-            return self
-        weights = np.ones(len(self.skipmap))
-        weights[self.features.rows[self.features.classes != FeatureClass.PLANE]] = weight
-        return replace(self, evidence=self.evidence.weighing(weights))
+    def valued(self, feature_weight: float) -> Scan:
+        """The same scan, each voxel judged by what it is worth, those of edges and corners by so
+        many times as much."""
+        worth = voxel_worth(self.skipmap, self.planes)
+        if feature_weight != 1:
+            features = self.features
+            worth[features.rows[features.classes != FeatureClass.PLANE]] *= feature_weight
+        return replace(self, evidence=self.evidence.valued(worth))
 
 
 @one_blas_thread

@@ -16,7 +16,14 @@ from skipnet.compiled import compiled
 from skipnet.geometry import invert
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.judging.closer_look import look_closer
-from skipnet.registration.judging.score import FINE, ROUGH, Score, Strictness, severity
+from skipnet.registration.judging.score import (
+    FINE,
+    MISMATCH_WEIGHT,
+    ROUGH,
+    Score,
+    Strictness,
+    severity,
+)
 from skipnet.scans.evidence import Evidence
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -24,11 +31,17 @@ _SOON_JUDGED = 1 << 13
 """Voxels, over all candidates, that are judged before another thread has begun."""
 _AT_ONCE = 1 << 20
 """Voxels, over all candidates, judged in one go: some megabytes."""
+FREE_WEIGHT = 10.0
+"""Voxels that one in free space outweighs where two poses are compared voxel by voxel."""
+FEW_WORTH = 20.0
+"""Worth, in voxels, on which poses may differ by chance."""
 HOPELESS = 0.1
 """A candidate that scores less than this share of the best one's will not overtake it: right poses
 score a third of it and more, before any refinement, in doorways and on streets too."""
 ROUNDS = ((24, 1000), (100, 400))
 """(samples, candidates that stay) of each round of a shortlist but the last ..."""
+MAX_ACROSS_COSINE = 0.7
+"""Surfaces whose normals are farther apart cross each other."""
 LAST_ROUND = (400, 20)
 """... and of the last, among distinct candidates."""
 
@@ -45,6 +58,9 @@ class Judge:
     """How fast contradictions devalue a pose: at a severity of 1 / weight its overlap counts for
     37 % (1 / e)."""
 
+    riding_worth: float = 0.0
+    """Voxels' worth of what has no say because it may ride with the sensors."""
+
     @property
     def voxel_size_m(self) -> float:
         """Edge of a voxel."""
@@ -55,7 +71,7 @@ class Judge:
         at_once = max(1, _AT_ONCE // max(1, self.samples))
 
         def one_way(T_b_a: FloatArray, a: Evidence, b: Evidence) -> FloatArray:
-            """(2, C) what ``_one_way`` says of all candidates, some at a time."""
+            """(5, C) what ``_one_way`` says of all candidates, some at a time."""
             some = [T_b_a[i : i + at_once] for i in range(0, max(1, len(T_b_a)), at_once)]
             return np.hstack([_one_way(T, a, b, self.samples, strictness) for T in some])
 
@@ -64,9 +80,37 @@ class Judge:
         there, back = (side_by_side if is_long else map)(
             one_way, poses, (self.source, self.target), (self.target, self.source)
         )
-        overlap, violation = 0.5 * (there + back)
-        total = overlap * np.exp(-self.violation_weight * severity(violation))
-        return Score(total, overlap, violation)
+        overlap, violation, support, contradiction, mismatch = 0.5 * (there + back)
+        total = support * np.exp(-self.violation_weight * severity(contradiction))
+        total *= np.exp(-MISMATCH_WEIGHT * mismatch / np.maximum(support, 1e-3))
+        return Score(total, overlap, violation, support, contradiction, mismatch)
+
+    def decisiveness(self, T_best: FloatArray, T_rivals: FloatArray) -> FloatArray:
+        """How clearly the voxels on which a pose and each of its rivals differ speak for it.
+
+        Args:
+            T_best: (4, 4) the pose.
+            T_rivals: (K, 4, 4) other poses.
+
+        Returns:
+            (K,) in -1 to 1: what speaks for the pose alone less what speaks for the rival alone, as
+            a share of both; few voxels say little either way.
+        """
+        poses = np.concatenate([T_best[None], T_rivals])
+        both = [
+            self._spoken(poses, self.source, self.target),
+            self._spoken(invert(poses), self.target, self.source),
+        ]
+        spoken = np.hstack(both)
+        apart = spoken[0] - spoken[1:]
+        won, lost = (np.maximum(side, 0).sum(axis=1) for side in (apart, -apart))
+        return (won - lost) / (won + lost + FEW_WORTH)
+
+    def _spoken(self, T_b_a: FloatArray, a: Evidence, b: Evidence) -> FloatArray:
+        """(C, S) for or against each pose, by each of a's voxels, in flat voxels."""
+        match, beside, free = states(T_b_a, a, b, self.samples, FINE)
+        worth = a.shares(self.samples)[1] * a.weights.sum()
+        return worth * (match - MISMATCH_WEIGHT * beside - FREE_WEIGHT * b.trust * free)
 
     def closer(self, T_target_source: FloatArray, score: Score) -> Score:
         """Score (C, 4, 4) poses anew, as strictly as the scans' noise allows."""
@@ -127,39 +171,52 @@ def distinct(
 def _one_way(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
 ) -> FloatArray:
-    """(2, C) weighted shares of a's voxels that match b, and that violate b's free space."""
+    """(5, C) the fields of ``Score`` but the total, for a's voxels."""
+    match, beside, free = states(T_b_a, a, b, samples, strictness)
+    count, worth = a.shares(samples)
+    return np.stack(
+        [match @ count, free @ count, match @ worth, b.trust * (free @ worth), beside @ worth]
+    )
+
+
+def states(
+    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """(C, S) which of a's voxels match b, which lie beside it, and which in b's free space."""
     row = b.near.find_moved(T_b_a, a.points_m, samples)
-    weights = a.weights[: row.shape[1]]
-    match = _match(
+    match, beside = _match(
         T_b_a[:, :3].astype(np.float32),
-        a.points_m,
-        a.normals,
+        (a.points_m, a.normals, a.clear),
         row,
-        b.surfaces,
+        (b.surfaces, b.clear_there),
         a.oriented and b.oriented,
         strictness.min_normal_cosine,
         strictness.max_distance_voxels * b.voxel_size_m,
+        strictness.max_beside_voxels * b.voxel_size_m,
     )
     free = np.zeros_like(match)
     if b.range_image is not None:
         free_m = strictness.free_voxels * b.voxel_size_m
         free = b.range_image.in_front(T_b_a, a.points_m, ~match, strictness.free_share, free_m)
-    return np.stack([match, free]) @ (weights / weights.sum())
+    return match, beside, free
 
 
 @compiled
 def _match(
     T_b_a: FloatArray,
-    points_a_m: FloatArray,
-    normals_a: FloatArray,
+    voxels_a: tuple[FloatArray, FloatArray, BoolArray],
     row: IntArray,
-    surfaces_b: FloatArray,
+    voxels_b: tuple[FloatArray, BoolArray],
     oriented: bool,
     min_normal_cosine: float,
     max_distance_m: float,
-) -> BoolArray:
-    """(C, S) which of a's voxels lie on the surface of b's voxels in (C, S) ``row``."""
-    match = np.zeros(row.shape, dtype=np.bool_)
+    max_beside_m: float,
+) -> tuple[BoolArray, BoolArray]:
+    """(C, S) which of a's voxels lie on the surface of b's voxels in (C, S) ``row``, and which lie
+    beside it or cross it, where both are clear enough to tell."""
+    points_a_m, normals_a, clear_a = voxels_a
+    surfaces_b, clear_b = voxels_b
+    match, beside = np.zeros((2, *row.shape), dtype=np.bool_)
     for c in range(len(T_b_a)):
         T = T_b_a[c]
         for s in range(row.shape[1]):
@@ -173,8 +230,12 @@ def _match(
                 cosine = a_x * normals_a[s, 0] + a_y * normals_a[s, 1] + a_z * normals_a[s, 2]
                 offset_m = surfaces_b[there, 3] - T[0, 3] * n_x - T[1, 3] * n_y - T[2, 3] * n_z
                 distance_m = a_x * points_a_m[s, 0] + a_y * points_a_m[s, 1]
-                distance_m += a_z * points_a_m[s, 2] - offset_m
+                distance_m = abs(distance_m + a_z * points_a_m[s, 2] - offset_m)
                 if not oriented:
                     cosine = abs(cosine)
-                match[c, s] = cosine > min_normal_cosine and abs(distance_m) <= max_distance_m
-    return match
+                along = cosine > min_normal_cosine
+                match[c, s] = along and distance_m <= max_distance_m
+                parallel = along and max_distance_m < distance_m < max_beside_m
+                across = cosine < MAX_ACROSS_COSINE and distance_m < max_distance_m
+                beside[c, s] = (parallel or across) and clear_a[s] and clear_b[there]
+    return match, beside

@@ -8,6 +8,8 @@ import numpy as np
 
 from skipnet.types import FloatArray
 
+MISMATCH_WEIGHT = 2.0
+"""How fast mismatches devalue a pose: by exp(-weight * mismatch / support)."""
 STRAY_SHARE = 0.0003
 """Share of voxels that may contradict by chance: one of 4000 samples."""
 
@@ -20,15 +22,17 @@ class Strictness:
     """Largest distance from the other scan's local plane."""
     min_normal_cosine: float
     """Smallest cosine between matching normals."""
+    max_beside_voxels: float
+    """A surface at a greater distance, up to this one, is another surface: a mismatch."""
     free_share: float
     """A point in front of what was seen there by this share of the range ..."""
     free_voxels: float
     """... and by this many voxels is in free space."""
 
 
-ROUGH = Strictness(1.0, 0.8, 0.03, 1.5)
+ROUGH = Strictness(1.0, 0.8, 1.5, 0.03, 1.5)
 """For candidates, which may be a voxel off."""
-FINE = Strictness(0.5, 0.8, 0.02, 1.0)
+FINE = Strictness(0.5, 0.8, 1.5, 0.02, 1.0)
 """For poses after fine alignment."""
 
 
@@ -37,11 +41,22 @@ class Score:
     """The judge's figures for C candidates; every array is (C,)."""
 
     total: FloatArray
-    """Overlap, discounted for violations: overlap * exp(-weight * severity), 0 to 1."""
+    """Support, discounted for contradictions and mismatches, 0 to 1."""
     overlap: FloatArray
-    """Mean of both ways' matched shares, 0 to 1."""
+    """Mean of both ways' matched shares of the voxels, 0 to 1."""
     violation: FloatArray
-    """Mean of both ways' shares that contradict seen free space, 0 to 1."""
+    """Mean of both ways' shares of the voxels in seen free space, 0 to 1."""
+    support: FloatArray
+    """As ``overlap``, voxels counted by what they are worth."""
+    contradiction: FloatArray
+    """As ``violation``, likewise, by how far the viewpoints are to be trusted."""
+    mismatch: FloatArray
+    """Mean of both ways' shares of the worth that lies beside the other scan's surface."""
+
+    @property
+    def mismatch_rate(self) -> FloatArray:
+        """Share of what comes near the other scan's surface that lies beside it."""
+        return self.mismatch / np.maximum(self.mismatch + self.support, 1e-9)
 
 
 def severity(violation: FloatArray) -> FloatArray:

@@ -21,6 +21,8 @@ STEPS_VOXELS = (np.arange(-8, 9) / 4, np.arange(-5, 6) / 20)
 """Places to try, from rough to fine."""
 FREE_STEPS_VOXELS = np.array([-3.0, 0.0, 3.0])
 """A pose that the judge likes as well this far to either side is free."""
+MIN_DECISIVE = 0.3
+"""... or what tells them apart must speak for it as clearly as this."""
 MIN_DROP = 0.1
 """Share of its score that a pose must lose there to count as held."""
 _PLATEAU = 0.99
@@ -110,8 +112,16 @@ def moves_freely(
     turns = np.stack([rotation_from_vector(step_m * motion[:3]) for step_m in steps_m])
     shifts_m = centre_m - turns @ centre_m + steps_m[:, None] * motion[3:]
     moved = make_transform(turns, shifts_m) @ T_target_source
-    total = judge.score(moved).total
-    return bool(total.max(initial=0.0, where=FREE_STEPS_VOXELS != 0) > (1 - MIN_DROP) * total[1])
+    score = judge.score(moved)
+    sides = np.flatnonzero(FREE_STEPS_VOXELS != 0)
+    as_good = sides[score.total[sides] > (1 - MIN_DROP) * score.total[1]]
+    if len(as_good) == 0:
+        return False
+    # On gentle ground half a voxel is much: what is as good must be so closely, too ...
+    closer = judge.closer(moved, score).total
+    as_good = as_good[closer[as_good] > (1 - MIN_DROP) * closer[1]]
+    # ... and by what tells the places apart, though it be little of all that is seen.
+    return bool((judge.decisiveness(moved[1], moved[as_good]) < MIN_DECISIVE).any())
 
 
 def _moved(T_target_source: FloatArray, direction: FloatArray, steps_m: FloatArray) -> FloatArray:
