@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Union
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from skipnet.registration.alignment.refinement import Refinement, refine
 from skipnet.registration.alignment.sparse import refine_sparse
 from skipnet.registration.alignment.thin_planes import lay_on_planes
 from skipnet.registration.judging.judge import HOPELESS, Judge
+from skipnet.registration.judging.likeness import odd_share
 from skipnet.registration.judging.score import ROUGH, Score
 from skipnet.registration.judging.sliding import holds, is_weak, slide
 from skipnet.scans.scan import Scan
@@ -23,9 +25,14 @@ SLIDING_FINALISTS = 6
 """So many candidates are slid along directions that few normals hold ..."""
 WORTH_SLIDING = 0.5
 """... if they score this share of the best one: a slide adds two thirds to a score at most."""
+MIRROR_SAMPLES = 1500
+"""Voxels with which mirror images are aligned."""
+MIN_MIRRORED = 0.3
+"""How clearly the mirror image must be the better one, of ``Judge.decisiveness``."""
 MAX_STEPS = 5
 """Of each candidate's first alignment, at each level."""
 
+Aligner = Union["DenseAligner", "SparseAligner"]
 Prepared = tuple[IntArray, Refinement, FloatArray, Score]
 """(K,) rows of the candidates that remain, their alignment, their (K, 4, 4) poses after it, which
 slides may have moved, and the judge's figures for these."""
@@ -38,6 +45,7 @@ class DenseAligner:
     source: Scan
     target: Scan
     judge: Judge
+    is_sparse = False
 
     def prepare(self, start: FloatArray, samples: int) -> Prepared:
         """Refine (C, 4, 4) candidates a little, with so many voxels of the source."""
@@ -59,6 +67,29 @@ class DenseAligner:
             return replace(best, T_target_source=T_target_source[None])
         return fine
 
+    def odd_share(self, T_target_source: FloatArray) -> float:
+        """Share of what agrees under a (4, 4) pose that lies off by far more than the rest."""
+        return odd_share(T_target_source, self.source, self.target)
+
+    def is_mirrored(self, T_target_source: FloatArray) -> bool:
+        """Whether the source's mirror image explains the target clearly better than a (4, 4) pose.
+
+        What is nearly its own mirror image can be laid on that, so its images about the principal
+        planes, from where the pose puts them, are tried.
+        """
+        centre_m, judge = self.judge.source.centre_m, self.judge
+        images = np.repeat(np.eye(4)[None], 3, axis=0)
+        for axis, image in enumerate(images):
+            image[axis, axis] = -1
+            image[axis, 3] = 2 * centre_m[axis]
+        start = T_target_source @ images
+        T = _refine_roughly(start, self.source, self.target, MIRROR_SAMPLES).T_target_source
+        best = T[judge.score(T).total.argmax()]
+        total = judge.score(np.stack([T_target_source, best])).total
+        if total[1] <= total[0]:
+            return False
+        return bool(judge.decisiveness(best, T_target_source[None])[0] > MIN_MIRRORED)
+
     def _slide(self, fine: Refinement, score: Score) -> tuple[FloatArray, Score]:
         """The poses, the best of them moved along their weak directions, and new scores."""
         T = fine.T_target_source.copy()
@@ -78,6 +109,15 @@ class SparseAligner:
     source: Scan
     target: Scan
     judge: Judge
+    is_sparse = True
+
+    def odd_share(self, T_target_source: FloatArray) -> float:
+        """0: scan lines lie too far apart to tell."""
+        return 0.0
+
+    def is_mirrored(self, T_target_source: FloatArray) -> bool:
+        """Likewise."""
+        return False
 
     def prepare(self, start: FloatArray, samples: int) -> Prepared:
         """Refine (C, 4, 4) candidates a little, the best few of them by GICP."""

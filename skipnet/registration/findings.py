@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from skipnet.registration.aligners import Aligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN, seen_again
@@ -61,6 +62,8 @@ class Findings:
         "mismatch",
         "seen_again",
         "riding_worth",
+        "odd_share",
+        "is_mirrored",
         "matched_voxels",
         "held_voxels",
         "position_std_m",
@@ -95,6 +98,11 @@ class Findings:
     """Voxels, in effect, that face the motion against which the pose is held least."""
     is_sparse: bool
     """One of the scans is: its normals are rough."""
+    odd_share: float
+    """Share of what agrees that lies off by far more than the rest: what is alike, not equal; 0
+    where the pose is in doubt anyway."""
+    is_mirrored: bool
+    """The source's mirror image explains the target clearly better."""
     blind: float
     """Share of the two scans whose viewpoint is unknown: they contradict nothing."""
     covariance: FloatArray
@@ -135,6 +143,8 @@ class Findings:
             self.mismatch,
             self.seen_again,
             self.riding_worth,
+            self.odd_share,
+            self.is_mirrored,
             self.matched,
             self.held_voxels,
             self.position_std_m,
@@ -167,8 +177,8 @@ class Findings:
 
 def find_out(
     judge: Judge,
+    aligner: Aligner,
     best: Refinement,
-    is_sparse: bool,
     T_target_source: FloatArray,
     score: Score,
     kept: IntArray,
@@ -177,13 +187,13 @@ def find_out(
 
     Args:
         judge: of both scans.
+        aligner: likewise.
         best: the best pose, finely aligned.
-        is_sparse: one of the scans is: its normals are rough.
         T_target_source: (K, 4, 4) all refined candidates.
         score: the judge's figures for these.
         kept: rows of the distinct ones, best first.
     """
-    first, rivals = kept[0], kept[1:]
+    first, rivals, T_best = kept[0], kept[1:], best.T_target_source[0]
     top = max(float(score.total[first]), 1e-9)
     lead = 1 - score.total[rivals] / top
     harmless = score.violation[rivals] <= STRAY_SHARE
@@ -193,25 +203,29 @@ def find_out(
     decisive = judge.decisiveness(T_target_source[first], T_target_source[rivals[:MOST_RIVALS]])
     equal = lead < AMBIGUOUS_LEAD
     equal[:MOST_RIVALS] &= decisive < MIN_DECISIVE
-    directions = _free_directions(judge, best, is_sparse)
+    directions = _free_directions(judge, best, aligner.is_sparse)
     share, _ = holds_against(best.information[0], best.matched[0], best.spread_m[0])
+    in_doubt = len(directions) > 0 or bool((equal | harmless).any())
     return Findings(
         overlap=float(score.overlap[first]),
         violation=float(score.violation[first]),
         margin=float(max(1 - closest / top, 0.0)),
         decisiveness=float(decisive.min(initial=1.0)),
         mismatch=float(score.mismatch_rate[first]),
-        seen_again=seen_again(judge, best.T_target_source[0]),
+        seen_again=seen_again(judge, T_best),
         riding_worth=judge.riding_worth,
         matched=int(best.matched[0]),
         held_voxels=float(share[0] * best.matched[0]),
-        is_sparse=is_sparse,
+        is_sparse=aligner.is_sparse,
+        odd_share=0.0 if in_doubt else aligner.odd_share(T_best),
+        is_mirrored=not in_doubt and aligner.is_mirrored(T_best),
         blind=float(np.mean([not scan.oriented for scan in (judge.source, judge.target)])),
         covariance=best.covariance[0],
         free_directions=directions,
-        # A plane's or a pipe's turns would only repeat its slides; normals of sparse scans are too
-        # rough to tell.
-        free_turns=np.zeros((0, 3)) if len(directions) or is_sparse else _free_turns(judge, best),
+        # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
+        free_turns=np.zeros((0, 3))
+        if len(directions) or aligner.is_sparse
+        else _free_turns(judge, best),
         alternatives=T_target_source[rivals[equal | harmless]],
     )
 

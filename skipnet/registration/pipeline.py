@@ -23,7 +23,6 @@ from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.result import Registration, ScanFacts
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.registration.verdict import Verdict
 from skipnet.scans.given import ScanLike, taken
 from skipnet.scans.scan import Scan, Viewpoint, describe
 from skipnet.skipmap.tree import Points, check_voxel_size, points_of
@@ -134,7 +133,7 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
     judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
     for generator in config.generators:
-        if is_enough(answer.verdict, generator):
+        if is_enough(answer, generator):
             break
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)
@@ -145,8 +144,15 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
     return answer
 
 
-def is_enough(verdict: Verdict, coming: Generator) -> bool:
-    """Whether the coming generator need not be asked; FPFH takes longer than all the others."""
+def is_enough(answer: Answer, coming: Generator) -> bool:
+    """Whether the coming generator need not be asked; FPFH takes longer than all the others.
+
+    Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
+    asked for rivals.
+    """
+    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.blind > 0:
+        return False
+    verdict = answer.verdict
     enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
     return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 

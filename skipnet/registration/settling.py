@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skipnet.registration.aligners import DenseAligner, SparseAligner
+from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
 from skipnet.registration.findings import AMBIGUOUS_LEAD, find_out
@@ -44,7 +44,7 @@ def settle(
     if len(coarse) == 0:
         return before
     is_sparse = source.is_sparse or target.is_sparse
-    aligner = (SparseAligner if is_sparse else DenseAligner)(source, target, judge)
+    aligner: Aligner = (SparseAligner if is_sparse else DenseAligner)(source, target, judge)
     start = np.concatenate([before.finalists, fresh])
     rows, fine, T, score = aligner.prepare(start, config.refine_samples)
     kept = judge.distinct(T, score)
@@ -53,7 +53,7 @@ def settle(
         kept = judge.distinct(T, score)
     kept = firmest_first(kept, score, fine)
     best = aligner.finish(fine[kept[:1]], T[kept[0]], score.total[kept[0]])
-    findings = find_out(judge, best, is_sparse, T, score, kept)
+    findings = find_out(judge, aligner, best, T, score, kept)
     kept = kept[:FINALISTS]
     return Answer(coarse[rows[kept]], T[kept], best.T_target_source[0], decide(findings), findings)
 

@@ -19,6 +19,9 @@ MAX_VIOLATION = 0.02
 """Scans of one shell with other furniture contradict each other by 2.9 % and more, whatever else
 agrees; right poses of dense scans with passers-by by up to 1.6 %. Scans of few lines with many
 passers-by reach 6 %, and are refused: rather that than a wrong room."""
+MAX_ODD_SHARE = 0.035
+"""Right poses of simulated dense scans have at most 0.006, of real ones at most 0.024; other
+specimens and mirror images of simulated arches 0.05 to 0.14."""
 MIN_HELD_VOXELS = 1.0
 """Fine alignment stays where it is along a motion that is held by less (``DAMPING_VOXELS``). Of 177
 simulated answers of the fit that were held so little, one was right."""
@@ -44,6 +47,12 @@ def decide(findings: Findings) -> Verdict:
     if findings.violation > MAX_VIOLATION:
         reason = f"{seen}, but {findings.violation:.1%} lie where the other sensor saw free space"
         return Verdict(Status.FAILED, min(confidence, _calibration().refused), reason)
+    if findings.is_mirrored:
+        reason = (
+            f"{seen}, but the source's mirror image explains the target better: one scan's axes "
+            "are mirrored, or it is the other one of a mirrored pair; flip an axis and try again"
+        )
+        return Verdict(Status.FAILED, min(confidence, 0.1), reason)
     if findings.may_only_ride:
         reason = (
             f"{seen} if the sensor stood still, but of what stands farther off only "
@@ -69,6 +78,12 @@ def decide(findings: Findings) -> Verdict:
     if confidence < MIN_CONFIDENCE:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict(Status.FAILED, confidence, reason)
+    if findings.odd_share > MAX_ODD_SHARE:
+        reason = (
+            f"{seen}, most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
+            "scans may show two things that are alike, not the same one, or parts of it have moved"
+        )
+        return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
     reason = f"{seen} and {findings.violation:.1%} contradict what the sensors saw as free"
     return Verdict(Status.REGISTERED, confidence, reason)
 

@@ -71,20 +71,20 @@ class Evidence:
         rates = worth[self.order]
         arrivals = self.arrivals * self.rates / rates
         rows = np.argsort(arrivals, kind="stable")
-        rates, arrivals = (a[rows].astype(np.float32) for a in (rates, arrivals))
+        sorted_rates = rates[rows].astype(np.float32)
         return replace(
             self,
             points_m=self.points_m[rows],
             normals=self.normals[rows],
             clear=self.clear[rows],
-            weights=rates,
-            rates=rates,
-            arrivals=arrivals,
+            weights=sorted_rates,
+            rates=sorted_rates,
+            arrivals=arrivals[rows].astype(np.float32),
             order=self.order[rows],
         )
 
     def shares(self, samples: int) -> FloatArray:
-        """(2, S) what the first so many voxels stand for, by number and by weight; each sums to 1."""
+        """(2, S) what the first so many voxels stand for, by number and by weight; all sum to 1."""
         count = min(samples, len(self.points_m))
         chance = np.ones(count, dtype=np.float32)
         if samples < len(self.points_m):

@@ -26,6 +26,7 @@ from skipnet.scans.evidence import Evidence, build_evidence
 from skipnet.scans.sparse import thin
 from skipnet.scans.viewpoint import find_viewpoint
 from skipnet.scans.worth import voxel_worth
+from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
 from skipnet.skipmap.tree import Points, SkipTree, build_tree, points_of
@@ -129,6 +130,12 @@ class Scan:
     def fine_skipmap(self) -> SkipMap:
         """At half the voxel size: where fine alignment ends. Worked out while poses are sought."""
         return self.fine.result()
+
+    @cached_property
+    def fine_near(self) -> CellTable:
+        """The row of ``fine_skipmap`` in or next to each of its cells."""
+        fine = self.fine_skipmap
+        return CellTable(fine.cells, fine.voxel_size_m, fine.origin_m, with_neighbours=True)
 
     @cached_property
     def planes(self) -> Planes:

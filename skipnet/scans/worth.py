@@ -11,7 +11,7 @@ import numpy as np
 
 from skipnet.features.primitives import Planes
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 PLANE_WORTH = 50.0
 """Voxels that a plane counts as at most."""
@@ -47,9 +47,9 @@ def voxel_worth(skipmap: SkipMap, planes: Planes) -> FloatArray:
 
 def _tight(
     points_m: FloatArray, normals: FloatArray, normal: FloatArray, voxel_m: float
-) -> FloatArray:
+) -> IntArray:
     """Those of (N, 3) points that lie on one plane to a share of a voxel, by number."""
-    members = np.arange(len(points_m))
+    members: IntArray = np.arange(len(points_m))
     if len(points_m) < _FEW:
         return members
     for _ in range(_FITS):
