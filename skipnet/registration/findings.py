@@ -23,6 +23,8 @@ from skipnet.types import FloatArray, IntArray
 
 AMBIGUOUS_LEAD = 0.1
 """A rival whose score comes within this share of the best one's explains the data as well."""
+MAX_BLIND = 0.25
+"""Scans are blind when one of them is more than half so."""
 MIN_DECISIVE = 0.3
 """... unless what tells the two apart speaks for the best one as clearly as this."""
 MOST_RIVALS = 12
@@ -114,6 +116,11 @@ class Findings:
     """(F, 3) unit axes in the target's frame about which the data let the pose turn."""
     alternatives: FloatArray
     """(A, 4, 4) distinct poses that explain the data as well."""
+
+    @property
+    def is_blind(self) -> bool:
+        """So little is known of what the sensors saw as free that wrong poses go uncontradicted."""
+        return self.blind > MAX_BLIND
 
     @property
     def may_only_ride(self) -> bool:
@@ -219,7 +226,7 @@ def find_out(
         is_sparse=aligner.is_sparse,
         odd_share=0.0 if in_doubt else aligner.odd_share(T_best),
         is_mirrored=not in_doubt and aligner.is_mirrored(T_best),
-        blind=float(np.mean([not scan.oriented for scan in (judge.source, judge.target)])),
+        blind=1 - 0.5 * (judge.source.trust + judge.target.trust),
         covariance=best.covariance[0],
         free_directions=directions,
         # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.

@@ -115,7 +115,7 @@ def register_scans(
 def _facts(scan: Scan) -> ScanFacts:
     """What is known about one scan, for the result."""
     extent_m = np.ptp(scan.evidence.points_m, axis=0) if len(scan.skipmap) else None
-    return ScanFacts(extent_m, scan.viewpoint_given_m, scan.strays)
+    return ScanFacts(extent_m, scan.viewpoint_given_m, scan.trust, scan.strays)
 
 
 def _with_strays(reason: str, strays: int) -> str:
@@ -150,7 +150,7 @@ def is_enough(answer: Answer, coming: Generator) -> bool:
     Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
     asked for rivals.
     """
-    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.blind > 0:
+    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.is_blind:
         return False
     verdict = answer.verdict
     enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE

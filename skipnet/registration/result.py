@@ -18,6 +18,8 @@ class ScanFacts:
     """(3,) along its principal axes; None without voxels."""
     viewpoint_m: FloatArray | None
     """(3,) sensor position; None when unknown."""
+    trust: float
+    """What the evidence of that position is worth: 0 when it is unknown, to 1."""
     strays: int = 0
     """Points far from all others, which were left out."""
 
@@ -62,6 +64,8 @@ class Registration:
             "voxel_size_m": self.voxel_size_m,
             "source_viewpoint_m": _listed(self.source.viewpoint_m),
             "target_viewpoint_m": _listed(self.target.viewpoint_m),
+            "source_trust": self.source.trust,
+            "target_trust": self.target.trust,
             "source_strays": self.source.strays,
             "target_strays": self.target.strays,
             "network": self.network,

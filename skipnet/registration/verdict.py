@@ -78,7 +78,7 @@ def decide(findings: Findings) -> Verdict:
     if confidence < MIN_CONFIDENCE:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict(Status.FAILED, confidence, reason)
-    if findings.odd_share > MAX_ODD_SHARE:
+    if findings.is_blind and findings.odd_share > MAX_ODD_SHARE:
         reason = (
             f"{seen}, most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
             "scans may show two things that are alike, not the same one, or parts of it have moved"

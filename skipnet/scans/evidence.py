@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skipnet.scans.range_image import RangeImage, build_range_image
+from skipnet.scans.viewpoint import sides
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
@@ -31,12 +32,16 @@ class Evidence:
     """(V,) float32 ... and when it was, ascending: exponential times at these rates."""
     order: IntArray
     """(V,) row in the Skip-map of each voxel in this order."""
-    oriented: bool
-    """Normals point to the sensor, so opposite ones are different surfaces."""
+    sides: FloatArray
+    """(V,) float32, likewise: how surely each normal points to the side that was seen, 0 to 1; for
+    what it is worth, a surface with the opposite normal is another one."""
+    trust: float
+    """What the viewpoint's word on free space is worth: 0 without one, to 1."""
     clear: BoolArray
     """(V,) the voxel is flat enough for its normal to speak against a surface near it, likewise."""
     surfaces: FloatArray
-    """(V, 4) float32 normal and offset of each voxel's plane, in the Skip-map's order."""
+    """(V, 5) float32 normal and offset of each voxel's plane and its side's sureness, in the
+    Skip-map's order."""
     centroid_errors_voxels: FloatArray
     """(V,) deviation of each voxel's centroid along its normal, in the Skip-map's order."""
     near: CellTable
@@ -44,9 +49,7 @@ class Evidence:
     clear_there: BoolArray
     """(V,) as ``clear``, in the Skip-map's order."""
     range_image: RangeImage | None
-    """None when the viewpoint is unknown: judged without free space."""
-    trust: float = 1.0
-    """How far the viewpoint explains what is visible, 0 to 1: what its free space counts for."""
+    """None when the viewpoint is unknown, or worth nothing: judged without free space."""
 
     @property
     def voxel_size_m(self) -> float:
@@ -77,6 +80,7 @@ class Evidence:
             points_m=self.points_m[rows],
             normals=self.normals[rows],
             clear=self.clear[rows],
+            sides=self.sides[rows],
             weights=sorted_rates,
             rates=sorted_rates,
             arrivals=arrivals[rows].astype(np.float32),
@@ -98,15 +102,17 @@ def build_evidence(
     points_m: FloatArray,
     rng: np.random.Generator,
     T_own_points: FloatArray | None = None,
+    trust: float = 1.0,
 ) -> Evidence:
     """Prepare a scan for ``judge``.
 
     Args:
-        skipmap: the scan's Skip-map.
+        skipmap: the scan's Skip-map, with the viewpoint whose evidence is wanted.
         points_m: (N, 3) the scan itself, for its range image.
         rng: draws the order in which voxels are sampled.
         T_own_points: (4, 4) from the frame of the points to the Skip-map's; None where these are
             one.
+        trust: in that viewpoint, see ``skipnet.scans.viewpoint.trust_in``.
     """
     viewpoint_m = skipmap.viewpoint_m
     points, normals = (a.astype(np.float32) for a in (skipmap.centroids_m, skipmap.normals))
@@ -114,9 +120,12 @@ def build_evidence(
     arrivals = rng.exponential(size=len(skipmap))
     order = np.argsort(arrivals, kind="stable")
     clear = skipmap.curvatures < CLEAR_CURVATURE
-    range_image = (
-        None if viewpoint_m is None else build_range_image(points_m, viewpoint_m, T_own_points)
-    )
+    range_image, sure = None, np.zeros(len(skipmap), dtype=np.float32)
+    if viewpoint_m is None:
+        trust = 0.0
+    if viewpoint_m is not None and trust > 0:
+        range_image = build_range_image(points_m, viewpoint_m, T_own_points)
+        sure = np.float32(trust) * sides(skipmap, viewpoint_m)
     return Evidence(
         points_m=points[order],
         normals=normals[order],
@@ -125,8 +134,9 @@ def build_evidence(
         arrivals=arrivals[order].astype(np.float32),
         clear=clear[order],
         order=order,
-        oriented=viewpoint_m is not None,
-        surfaces=np.column_stack([normals, offsets_m]),
+        sides=sure[order],
+        trust=trust,
+        surfaces=np.column_stack([normals, offsets_m, sure]),
         centroid_errors_voxels=centroid_errors_voxels(skipmap),
         near=CellTable(skipmap.cells, skipmap.voxel_size_m, skipmap.origin_m, with_neighbours=True),
         clear_there=clear,

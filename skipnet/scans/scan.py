@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -24,7 +23,7 @@ from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.scans.evidence import Evidence, build_evidence
 from skipnet.scans.sparse import thin
-from skipnet.scans.viewpoint import find_viewpoint
+from skipnet.scans.viewpoint import trust_in
 from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.resolution import choose_voxel_size
@@ -38,6 +37,10 @@ if TYPE_CHECKING:
 MIN_RESOLVED = 0.75
 """Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
 scans of a few lines 0.1 to 0.7."""
+
+MIN_TRUST = 0.5
+"""Normals are turned to a sensor's place that is trusted so far; a half-trusted plane's side is as
+likely wrong as right."""
 
 Viewpoint = str | FloatArray | list[float] | None
 """Sensor position (3,) in the scan's frame, None when unknown, or "auto" to find out."""
@@ -103,15 +106,21 @@ class Scan:
     """All voxels of half the size, effective or not."""
     evidence: Evidence
     """For the judge."""
-    fine: Future[SkipMap]
-    """What ``fine_skipmap`` waits for."""
+    fine_skipmap: SkipMap
+    """At half the voxel size: where fine alignment ends."""
     network: Model
     """What recognises and classifies its voxels."""
 
     @property
     def viewpoint_m(self) -> FloatArray | None:
-        """(3,) where it was taken from; None when that is unknown."""
+        """(3,) where it was taken from; None when that is unknown, or too doubtful for normals to
+        be turned there: only the judge listens to such a place."""
         return self.skipmap.viewpoint_m
+
+    @property
+    def trust(self) -> float:
+        """What the evidence of the sensor's place is worth: 0 when it is unknown, to 1."""
+        return self.evidence.trust
 
     @property
     def viewpoint_given_m(self) -> FloatArray | None:
@@ -125,11 +134,6 @@ class Scan:
         """Orders scans by themselves alone: occupied voxels, then points, then spread."""
         moments = self.fine_tree.moments
         return len(moments), int(moments.count.sum()), float(moments.second.sum())
-
-    @property
-    def fine_skipmap(self) -> SkipMap:
-        """At half the voxel size: where fine alignment ends. Worked out while poses are sought."""
-        return self.fine.result()
 
     @cached_property
     def fine_near(self) -> CellTable:
@@ -208,17 +212,13 @@ def describe(
     frames = side_by_side(principal_frame, points_m)
     if voxel_size_m is None:
         voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
-    background = ThreadPoolExecutor(1)
     one = partial(
         _describe_one,
         voxel_size_m=voxel_size_m,
         seed=seed,
         network=network or find_network(),
-        background=background,
     )
-    scans = side_by_side(one, clouds_m, strays, viewpoints, frames)
-    background.shutdown(wait=False)  # goes on without being waited for
-    return scans
+    return side_by_side(one, clouds_m, strays, viewpoints, frames)
 
 
 def _without_strays(cloud_m: Points) -> tuple[Points, int]:
@@ -235,28 +235,27 @@ def _describe_one(
     voxel_size_m: float,
     seed: int,
     network: Model,
-    background: Executor,
 ) -> Scan:
-    """Build a scan's Skip-maps, the finest in the ``background``, and find out its viewpoint."""
+    """Build a scan's Skip-maps and find out how far its viewpoint can be believed."""
     T_own_given = invert(T_given_own)
     fine_tree = build_tree(cloud_m, voxel_size_m / 2, np.zeros(3), T_own_given)
     tree = fine_tree.coarser()
-    skipmap = skipmap_of_tree(tree)
-    if isinstance(viewpoint, str):
-        viewpoint_m = find_viewpoint(skipmap, T_own_given[:3, 3])
-    elif viewpoint is not None:
-        viewpoint_m = transform_points(T_own_given, np.array([viewpoint], np.float64))[0]
-    else:
-        viewpoint_m = None
-    skipmap = skipmap.seen_from(viewpoint_m)
+    skipmap, fine = skipmap_of_tree(tree), skipmap_of_tree(fine_tree)
+    is_given = not (viewpoint is None or isinstance(viewpoint, str))
+    place_m = T_own_given[:3, 3]
+    if is_given:
+        place_m = transform_points(T_own_given, np.array([viewpoint], np.float64))[0]
+    trust = 0.0 if viewpoint is None else trust_in(skipmap, fine, place_m, is_given)
+    believed_m = place_m if trust >= MIN_TRUST else None
     rng = np.random.default_rng(seed)
+    seen = skipmap.seen_from(place_m)
     return Scan(
         T_given_own=T_given_own,
         strays=strays,
-        skipmap=skipmap,
-        coarse=skipmap_of_tree(tree.coarser(), viewpoint_m),
+        skipmap=skipmap if believed_m is None else seen,
+        coarse=skipmap_of_tree(tree.coarser(), believed_m),
         fine_tree=fine_tree,
-        evidence=build_evidence(skipmap, points_of(cloud_m), rng, T_own_given),
-        fine=background.submit(skipmap_of_tree, fine_tree, viewpoint_m),
+        evidence=build_evidence(seen, points_of(cloud_m), rng, T_own_given, trust),
+        fine_skipmap=fine.seen_from(believed_m),
         network=network,
     )

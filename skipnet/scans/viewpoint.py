@@ -1,4 +1,9 @@
-"""Finding out whether a scan was taken from its origin, instead of assuming it."""
+"""How well a place explains what a scan shows: nobody need assume where it was taken from.
+
+What is seen from one place hides nothing of it and thins out with the range. A camera that moved
+a little while its views were fused hides a little; the origin of a map where no sensor ever was
+hides a lot, lies on walls and floors, and knows nothing of the density.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +12,84 @@ import numpy as np
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
 
-MAX_HIDDEN_SHARE = 0.05
-"""Of scans from one place at most this share of voxels seems hidden (noise, porous trees: 4 % of an
-apartment); of fused and moving ones up to several times as much."""
-MIN_FALLOFF = 0.25
-"""Correlation of a scan's density with what its sensor's place predicts: about 0.5 before objects,
-0.3 and more for raw scans of any kind, at most 0.22 about places inside an object; thinned and
-fused scans have little of it left."""
+HIDDEN_SHARE = (0.10, 0.25)
+"""A place that hides less of a scan explains it, one that hides more explains nothing. Simulated
+fragments fused from a moving camera hide up to 8 % (95 of 100 of them), single scans up to 1 %;
+maps from their corners, floors and middles 10 to 70 %."""
+MARGIN_PER_FALLOFF = 0.2
+"""Where the density speaks for a place, trees may hide more, by this per correlation ..."""
+FALLOFF = (0.15, 0.30)
+"""... that exceeds the second of these. Correlation of a scan's density with what its sensor's place
+predicts: 0.3 and more for raw scans of any kind, at most 0.23 about places inside an object. Between
+the two it speaks for a place as far as it has come."""
+FAINT_FALLOFF = (-0.05, 0.08)
+"""What is left of it in thinned and fused clouds, which are even: then a place must also ..."""
+HIDDEN_FROM_BEHIND = (0.01, 0.05)
+"""... be no worse than one behind the surfaces, from where this share must be hidden, and ..."""
+LESS_THAN_BEHIND = (-0.06, -0.02)
+"""... more than from the place itself but for this."""
 _BEHIND_EXTENTS = 3.0
 _FLAT_CURVATURE = 0.03
 _MIN_COSINE = 0.2
 _MIN_SLANT_COSINE = 0.1
+_CORE_VOXELS = 0.2
+"""A line that passes a curved voxel's centroid by less than this cannot have missed it."""
+SIDE_COSINE = (0.05, 0.15)
+"""A surface seen at a smaller cosine than the first may be seen from its other side, by the error of
+its normal; at the second its side is known."""
+SIDE_VOXELS = (0.5, 1.5)
+"""Likewise for the distance of the sensor from the surface's plane."""
 
 
-def find_viewpoint(skipmap: SkipMap, origin_m: FloatArray) -> FloatArray | None:
-    """The origin if the scan can have been taken from there, else None.
+def trust_in(
+    skipmap: SkipMap, fine: SkipMap, viewpoint_m: FloatArray, is_given: bool = False
+) -> float:
+    """How far a scan can have been taken from a place: what its evidence is worth.
 
     An object scanned from outside hides nothing from a place inside it either, and the origin often
-    lies there: so where a scan could as well have been taken from the other side of its surfaces,
-    its density must speak for the origin.
+    lies there: so where the density is silent, the surfaces must look worse from behind.
 
     Args:
         skipmap: the scan's Skip-map; its own viewpoint does not matter.
-        origin_m: (3,) origin of the frame in which the scan was given, in the Skip-map's frame.
+        fine: the same scan's at the finest level, on which thin things are seen to hide others.
+        viewpoint_m: (3,) the place, in the Skip-maps' frame.
+        is_given: somebody knows that a sensor was there or nearby; only what it hides counts.
+
+    Returns:
+        0: this place tells nothing about sides and free space; 1: what it tells holds.
     """
-    if len(skipmap) == 0 or hidden_share(skipmap, origin_m) > MAX_HIDDEN_SHARE:
-        return None
-    if density_falloff(skipmap, origin_m) >= MIN_FALLOFF:
-        return origin_m
-    hidden_from_behind = hidden_share(skipmap, _behind(skipmap, origin_m))
-    return origin_m if hidden_from_behind > MAX_HIDDEN_SHARE else None
+    if min(len(skipmap), len(fine)) == 0:
+        return 0.0
+    hidden = hidden_share(fine, viewpoint_m)
+    falloff = density_falloff(skipmap, viewpoint_m)
+    margin = MARGIN_PER_FALLOFF * max(falloff - FALLOFF[1], 0.0)
+    explained = 1 - _ramp(hidden - margin, HIDDEN_SHARE)
+    dense = 1.0 if is_given else _ramp(falloff, FALLOFF)
+    if explained == 0 or dense == 1:
+        return float(explained)
+    from_behind = hidden_share(fine, _behind(skipmap, viewpoint_m))
+    in_front = _ramp(from_behind, HIDDEN_FROM_BEHIND) * _ramp(
+        from_behind - hidden, LESS_THAN_BEHIND
+    )
+    return float(explained * max(dense, _ramp(falloff, FAINT_FALLOFF) * in_front))
+
+
+def sides(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:
+    """How surely a sensor at (3,) ``viewpoint_m`` tells the side of each voxel's surface.
+
+    Returns:
+        (V,) float32: 0 for surfaces seen edge-on, whose normals may err to the other side, to 1.
+    """
+    to_sensor_m = viewpoint_m - skipmap.centroids_m
+    away_m = np.abs(np.einsum("vi,vi->v", to_sensor_m, skipmap.normals))
+    cosine = away_m / np.maximum(np.linalg.norm(to_sensor_m, axis=1), 1e-9)
+    sure = np.minimum(_ramp(cosine, SIDE_COSINE), _ramp(away_m / skipmap.voxel_size_m, SIDE_VOXELS))
+    return sure.astype(np.float32)
+
+
+def _ramp(value: FloatArray | float, ends: tuple[float, float]) -> FloatArray | float:
+    """0 up to the first end, 1 from the second on, straight between."""
+    return np.clip((value - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
 
 
 def density_falloff(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
@@ -72,8 +125,8 @@ def _behind(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:
 def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 1000) -> float:
     """Share of voxels that a sensor at (3,) ``viewpoint_m`` cannot have seen: 0 for the true one.
 
-    A voxel is hidden when its line of sight pierces a flat voxel on the way. The lines are walked
-    from the voxels towards the sensor, as far as the scan reaches.
+    A voxel is hidden when its line of sight passes right through another one on the way. The lines
+    are walked from the voxels towards the sensor, as far as the scan reaches.
 
     Args:
         skipmap: the scan's Skip-map.
@@ -91,8 +144,10 @@ def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 1000)
     extent_m = float(np.linalg.norm(np.ptp(skipmap.centroids_m, axis=0)))
     ends_m = np.minimum(range_m - voxel_m, extent_m)
     line, row = skipmap.table.find_along(points_m, ways, 1.5 * voxel_m, ends_m, 0.5 * voxel_m)
+    blocks = _pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)
+    blocks |= _hits_core(skipmap, row, points_m[line], ways[line], range_m[line])
     hidden = np.zeros(count, dtype=bool)
-    hidden[line[_pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)]] = True
+    hidden[line[blocks]] = True
     return float(hidden.mean())
 
 
@@ -118,3 +173,19 @@ def _pierces(
     voxel_m = skipmap.voxel_size_m
     apart = (behind_m * before_m < 0) & (np.abs(before_m) > voxel_m)
     return flat & apart & (np.abs(behind_m) > 1.5 * voxel_m) & (aside_m < 0.5 * voxel_m)
+
+
+def _hits_core(
+    skipmap: SkipMap, row: IntArray, points_m: FloatArray, ways: FloatArray, range_m: FloatArray
+) -> BoolArray:
+    """Whether lines from points towards the sensor pass through the core of curved voxels.
+
+    Thin plates and columns are curved at the size of a voxel, and hide things all the same.
+    """
+    to_centre_m = skipmap.centroids_m[row] - points_m
+    along_m = np.einsum("li,li->l", to_centre_m, ways)
+    aside_m = np.linalg.norm(to_centre_m - along_m[:, None] * ways, axis=1)
+    voxel_m = skipmap.voxel_size_m
+    between = (along_m > 2.5 * voxel_m) & (along_m < range_m - voxel_m)
+    curved = skipmap.curvatures[row] >= _FLAT_CURVATURE
+    return curved & between & (aside_m < _CORE_VOXELS * voxel_m)

@@ -181,42 +181,42 @@ def _one_way(
 
 def states(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
-) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """(C, S) which of a's voxels match b, which lie beside it, and which in b's free space."""
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """(C, S) how far each of a's voxels matches b, 0 to 1, which lie beside it, and which in b's
+    free space."""
     row = b.near.find_moved(T_b_a, a.points_m, samples)
     match, beside = _match(
         T_b_a[:, :3].astype(np.float32),
-        (a.points_m, a.normals, a.clear),
+        (a.points_m, a.normals, a.sides, a.clear),
         row,
         (b.surfaces, b.clear_there),
-        a.oriented and b.oriented,
         strictness.min_normal_cosine,
         strictness.max_distance_voxels * b.voxel_size_m,
         strictness.max_beside_voxels * b.voxel_size_m,
     )
-    free = np.zeros_like(match)
+    free = np.zeros_like(beside)
     if b.range_image is not None:
         free_m = strictness.free_voxels * b.voxel_size_m
-        free = b.range_image.in_front(T_b_a, a.points_m, ~match, strictness.free_share, free_m)
+        free = b.range_image.in_front(T_b_a, a.points_m, match < 0.5, strictness.free_share, free_m)
     return match, beside, free
 
 
 @compiled
 def _match(
     T_b_a: FloatArray,
-    voxels_a: tuple[FloatArray, FloatArray, BoolArray],
+    voxels_a: tuple[FloatArray, FloatArray, FloatArray, BoolArray],
     row: IntArray,
     voxels_b: tuple[FloatArray, BoolArray],
-    oriented: bool,
     min_normal_cosine: float,
     max_distance_m: float,
     max_beside_m: float,
-) -> tuple[BoolArray, BoolArray]:
-    """(C, S) which of a's voxels lie on the surface of b's voxels in (C, S) ``row``, and which lie
-    beside it or cross it, where both are clear enough to tell."""
-    points_a_m, normals_a, clear_a = voxels_a
+) -> tuple[FloatArray, BoolArray]:
+    """(C, S) how far a's voxels lie on the surface of b's voxels in (C, S) ``row``, 0 to 1, and
+    which lie beside it or cross it, where both are clear enough to tell."""
+    points_a_m, normals_a, sides_a, clear_a = voxels_a
     surfaces_b, clear_b = voxels_b
-    match, beside = np.zeros((2, *row.shape), dtype=np.bool_)
+    match = np.zeros(row.shape, dtype=np.float32)
+    beside = np.zeros(row.shape, dtype=np.bool_)
     for c in range(len(T_b_a)):
         T = T_b_a[c]
         for s in range(row.shape[1]):
@@ -231,11 +231,13 @@ def _match(
                 offset_m = surfaces_b[there, 3] - T[0, 3] * n_x - T[1, 3] * n_y - T[2, 3] * n_z
                 distance_m = a_x * points_a_m[s, 0] + a_y * points_a_m[s, 1]
                 distance_m = abs(distance_m + a_z * points_a_m[s, 2] - offset_m)
-                if not oriented:
-                    cosine = abs(cosine)
-                along = cosine > min_normal_cosine
-                match[c, s] = along and distance_m <= max_distance_m
-                parallel = along and max_distance_m < distance_m < max_beside_m
-                across = cosine < MAX_ACROSS_COSINE and distance_m < max_distance_m
-                beside[c, s] = (parallel or across) and clear_a[s] and clear_b[there]
+                along = abs(cosine) > min_normal_cosine
+                # Opposite normals are two sides of something, as far as the sides are known.
+                apart = sides_a[s] * surfaces_b[there, 4] if cosine < 0 else 0.0
+                if along and distance_m <= max_distance_m:
+                    match[c, s] = 1 - apart
+                if clear_a[s] and clear_b[there]:
+                    parallel = along and max_distance_m < distance_m < max_beside_m
+                    across = abs(cosine) < MAX_ACROSS_COSINE and distance_m < max_distance_m
+                    beside[c, s] = parallel or across
     return match, beside

@@ -18,6 +18,8 @@ from skipnet.registration.judging.score import FINE
 from skipnet.scans.evidence import Evidence
 from skipnet.types import BoolArray, FloatArray
 
+MIN_TRUST = 0.5
+"""Of either viewpoint: nothing rides with a sensor that was not there."""
 NEAR_SHARE = 0.3
 """A body rides within this share of the range that all but the farthest of a scan lies in."""
 _FARTHEST = 0.95
@@ -42,14 +44,14 @@ def silence_riders(judge: Judge, T_same_axes: FloatArray) -> Judge:
             other.
 
     Returns:
-        The same judge where a viewpoint is unknown.
+        The same judge where a viewpoint is not to be trusted.
     """
-    if judge.source.range_image is None or judge.target.range_image is None:
+    if min(judge.source.trust, judge.target.trust) < MIN_TRUST:
         return judge
     shares, worth = [], 0.0
     for T, a, b in _both_ways(T_same_axes, judge):
         match, _, _ = states(T[None], a, b, len(a.points_m), FINE)
-        riding = match[0] & ~_is_far(a)
+        riding = (match[0] > 0.5) & ~_is_far(a)
         worth += float(a.weights[riding].sum())
         share = np.ones(len(riding))
         share[a.order[riding]] = _NO_SAY
@@ -65,7 +67,8 @@ def seen_again(judge: Judge, T_target_source: FloatArray) -> float:
         0 to 1; 1 where the pose leaves the sensors at different places, or nothing stands out.
     """
     source, target = judge.source.range_image, judge.target.range_image
-    if source is None or target is None:
+    trust = min(judge.source.trust, judge.target.trust)
+    if source is None or target is None or trust < MIN_TRUST:
         return 1.0
     there_m = transform_points(T_target_source, source.viewpoint_m[None])[0]
     if np.linalg.norm(there_m - target.viewpoint_m) > SAME_PLACE_VOXELS * judge.voxel_size_m:
