@@ -25,7 +25,7 @@ AMBIGUOUS_LEAD = 0.1
 """A rival whose score comes within this share of the best one's explains the data as well."""
 MAX_BLIND = 0.25
 """Scans are blind when one of them is more than half so."""
-MIN_DECISIVE = 0.3
+MIN_DECISIVE = 0.2
 """... unless what tells the two apart speaks for the best one as clearly as this."""
 MOST_RIVALS = 12
 """Rivals with which the best pose is compared voxel by voxel."""
@@ -33,7 +33,7 @@ HARMLESS_OVERLAP = 0.2
 """... and so does one that contradicts nothing, if this much agrees and the best pose does ..."""
 HARMFUL_VIOLATION = 0.003
 """... contradict what was seen, by this share of all voxels and more."""
-CHANCE_SCORE = 0.1
+CHANCE_SCORE = 0.05
 """What some pose always scores: a lead counts against this, though no rival be found."""
 MIN_SPARSE_HOLD = 6.0
 """Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""

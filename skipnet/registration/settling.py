@@ -16,6 +16,13 @@ from skipnet.registration.verdict import decide
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, IntArray
 
+COMPARED_LEAD = 0.3
+"""Poses that score less than the best one by at most this share of it are compared voxel by voxel
+..."""
+PREFERRED = 0.05
+"""What tells a pose from any of these speaks for it when it does so by this much."""
+COMPARED = 6
+"""... but no more of them than this."""
 CLOSE_LEAD = 0.5
 """A best pose that leads by less is compared with its rivals more strictly."""
 FINALISTS = 10
@@ -51,11 +58,32 @@ def settle(
     if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_LEAD) * score.total[kept[0]]:
         score = judge.closer(T, score)
         kept = judge.distinct(T, score)
-    kept = firmest_first(kept, score, fine)
+    kept = clearest_first(kept, score, fine, T, judge)
     best = aligner.finish(fine[kept[:1]], T[kept[0]], score.total[kept[0]])
     findings = find_out(judge, aligner, best, T, score, kept)
     kept = kept[:FINALISTS]
     return Answer(coarse[rows[kept]], T[kept], best.T_target_source[0], decide(findings), findings)
+
+
+def clearest_first(
+    kept: IntArray, score: Score, fine: Refinement, T_target_source: FloatArray, judge: Judge
+) -> IntArray:
+    """Among poses that explain the data about equally well, the one comes first for which what
+    tells it from any of the others speaks clearly; if there is none, the firmest held one.
+
+    Args:
+        kept: (K,) rows of distinct poses, best first.
+        score: of all poses.
+        fine: their alignment.
+        T_target_source: (C, 4, 4) the poses.
+        judge: of both scans.
+    """
+    near = kept[score.total[kept] >= (1 - COMPARED_LEAD) * score.total[kept[0]]][:COMPARED]
+    for row in near:
+        others = T_target_source[near[near != row]]
+        if judge.decisiveness(T_target_source[row], others).min(initial=1.0) > PREFERRED:
+            return np.concatenate([[row], kept[kept != row]])
+    return firmest_first(kept, score, fine)
 
 
 def firmest_first(kept: IntArray, score: Score, fine: Refinement) -> IntArray:

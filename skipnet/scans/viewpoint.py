@@ -19,9 +19,9 @@ maps from their corners, floors and middles 10 to 70 %."""
 MARGIN_PER_FALLOFF = 0.2
 """Where the density speaks for a place, trees may hide more, by this per correlation ..."""
 FALLOFF = (0.15, 0.30)
-"""... that exceeds the second of these. Correlation of a scan's density with what its sensor's place
-predicts: 0.3 and more for raw scans of any kind, at most 0.23 about places inside an object. Between
-the two it speaks for a place as far as it has come."""
+"""... that exceeds the second of these. Correlation of a scan's density with what its sensor's
+place predicts: 0.3 and more for raw scans of any kind, at most 0.23 about places inside an object.
+Between the two it speaks for a place as far as it has come."""
 FAINT_FALLOFF = (-0.05, 0.08)
 """What is left of it in thinned and fused clouds, which are even: then a place must also ..."""
 HIDDEN_FROM_BEHIND = (0.01, 0.05)
@@ -35,8 +35,8 @@ _MIN_SLANT_COSINE = 0.1
 _CORE_VOXELS = 0.2
 """A line that passes a curved voxel's centroid by less than this cannot have missed it."""
 SIDE_COSINE = (0.05, 0.15)
-"""A surface seen at a smaller cosine than the first may be seen from its other side, by the error of
-its normal; at the second its side is known."""
+"""A surface seen at a smaller cosine than the first may be seen from its other side, by the error
+of its normal; at the second its side is known."""
 SIDE_VOXELS = (0.5, 1.5)
 """Likewise for the distance of the sensor from the surface's plane."""
 

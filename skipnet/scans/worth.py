@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from skipnet.features.primitives import Planes
+from skipnet.features.primitives import FLAT_CURVATURE, Planes
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
 PLANE_WORTH = 50.0
 """Voxels that a plane counts as at most."""
+SMOOTH_WORTH = 300.0
+"""Voxels that all other smooth surfaces count as at most, tanks' and pipes' walls and skin ..."""
+LEAST_SMOOTH = 0.15
+"""... but each for this: some of them are all that there is."""
 TOLERANCE_VOXELS = 0.25
 """Farthest from a plane that a voxel belongs to it: what bends, as skin or ground, is no plane."""
 MIN_COSINE = 0.98
@@ -42,7 +46,10 @@ def voxel_worth(skipmap: SkipMap, planes: Planes) -> FloatArray:
         free[rows] = False
         members = _tight(points_m[rows], normals[rows], normal, skipmap.voxel_size_m)
         size[rows[members]] = max(len(members), 1)
-    return np.minimum(1.0, PLANE_WORTH / size)
+    worth = np.minimum(1.0, PLANE_WORTH / size)
+    smooth = (size < PLANE_WORTH) & (skipmap.curvatures < FLAT_CURVATURE)
+    worth[smooth] *= np.clip(SMOOTH_WORTH / max(int(smooth.sum()), 1), LEAST_SMOOTH, 1.0)
+    return worth
 
 
 def _tight(
