@@ -60,6 +60,7 @@ class Findings:
         "overlap",
         "violation",
         "margin",
+        "support",
         "decisiveness",
         "mismatch",
         "seen_again",
@@ -84,6 +85,8 @@ class Findings:
     """Mean of both ways' shares in seen free space."""
     margin: float
     """Lead over the best distinct alternative's score, as a share of the own; 1 without a rival."""
+    support: float
+    """As ``overlap``, voxels counted by what they are worth as evidence."""
     decisiveness: float
     """How clearly the voxels on which the best pose and its nearest rival differ speak for it, -1
     to 1; 1 without a rival."""
@@ -146,6 +149,7 @@ class Findings:
             self.overlap,
             self.violation,
             self.margin,
+            self.support,
             self.decisiveness,
             self.mismatch,
             self.seen_again,
@@ -217,6 +221,7 @@ def find_out(
         overlap=float(score.overlap[first]),
         violation=float(score.violation[first]),
         margin=float(max(1 - closest / top, 0.0)),
+        support=float(score.support[first]),
         decisiveness=float(decisive.min(initial=1.0)),
         mismatch=float(score.mismatch_rate[first]),
         seen_again=seen_again(judge, T_best),
