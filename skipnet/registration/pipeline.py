@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skipnet.clouds.cleaning import denoise
@@ -23,11 +25,14 @@ from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.result import Registration, ScanFacts
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
+from skipnet.registration.units import likeliest_unit, reason_for, size_of
 from skipnet.scans.given import ScanLike, taken
 from skipnet.scans.scan import Scan, Viewpoint, describe
 from skipnet.skipmap.tree import Points, check_voxel_size, points_of
-from skipnet.types import Status
+from skipnet.types import FloatArray, Status
 
+HOPELESS_CONFIDENCE = 0.2
+"""With less than this in the best pose, other units are worth a try."""
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
 
@@ -77,7 +82,10 @@ def register(
         viewpoints = source_viewpoint, target_viewpoint
         network = find_network(config.network, config.device)
         scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed, network)
-    return register_scans(scans[0], scans[1], config, clock)
+    result = register_scans(scans[0], scans[1], config, clock)
+    if result.status is Status.REGISTERED:
+        return result
+    return _naming_units(result, points_of(source_m), points_of(target_m), config, seed)
 
 
 @one_blas_thread
@@ -110,6 +118,31 @@ def register_scans(
         timings_s=clock.seconds,
         network=source.network.digest,
     )
+
+
+def _naming_units(
+    result: Registration,
+    source_m: FloatArray,
+    target_m: FloatArray,
+    config: RegistrationConfig,
+    seed: int,
+) -> Registration:
+    """The same result, its reason naming the units if the scans only agree in different ones.
+
+    Sizes that differ by less than ``SURELY_APART`` are tried; what cannot be told from a part and
+    its whole is left as it is.
+    """
+    source_size, target_size = size_of(source_m), size_of(target_m)
+    guess = likeliest_unit(source_size, target_size)
+    if guess is None or not (result.confidence < HOPELESS_CONFIDENCE or guess.is_surely_apart):
+        return result
+    clouds_m = guess.factor * source_m, target_m
+    scans = describe(clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device))
+    retry = register_scans(scans[0], scans[1], config, Stopwatch())
+    registers = retry.status is Status.REGISTERED
+    if not (registers or guess.is_surely_apart):
+        return result
+    return replace(result, status=Status.FAILED, reason=reason_for(guess, registers))
 
 
 def _facts(scan: Scan) -> ScanFacts:
