@@ -1,7 +1,7 @@
 """How well a place explains what a scan shows: nobody need assume where it was taken from.
 
-What is seen from one place hides nothing of it and thins out with the range. A camera that moved
-a little while its views were fused hides a little; the origin of a map where no sensor ever was
+What is seen from one place hides nothing of it and thins out with the range. A camera that moved a
+little while its views were fused hides a little; the origin of a map that was never a sensor's place
 hides a lot, lies on walls and floors, and knows nothing of the density.
 """
 
@@ -17,11 +17,11 @@ HIDDEN_SHARE = (0.10, 0.25)
 fragments fused from a moving camera hide up to 8 % (95 of 100 of them), single scans up to 1 %;
 maps from their corners, floors and middles 10 to 70 %."""
 MARGIN_PER_FALLOFF = 0.2
-"""Where the density speaks for a place, trees may hide more, by this per correlation ..."""
+"""Where the density speaks for a place, porous trees may hide more, by this per correlation ..."""
 FALLOFF = (0.15, 0.30)
-"""... that exceeds the second of these. Correlation of a scan's density with what its sensor's
-place predicts: 0.3 and more for raw scans of any kind, at most 0.23 about places inside an object.
-Between the two it speaks for a place as far as it has come."""
+"""... that exceeds the second of these. Correlation of a scan's density with what its sensor's place
+predicts: 0.3 and more for raw scans of any kind, at most 0.23 about places inside an object. Between
+the two it speaks for a place as far as it has come."""
 FAINT_FALLOFF = (-0.05, 0.08)
 """What is left of it in thinned and fused clouds, which are even: then a place must also ..."""
 HIDDEN_FROM_BEHIND = (0.01, 0.05)
@@ -33,10 +33,10 @@ _FLAT_CURVATURE = 0.03
 _MIN_COSINE = 0.2
 _MIN_SLANT_COSINE = 0.1
 _CORE_VOXELS = 0.2
-"""A line that passes a curved voxel's centroid by less than this cannot have missed it."""
+"""A line that passes the centroid of a curved voxel by less than this cannot have missed it."""
 SIDE_COSINE = (0.05, 0.15)
-"""A surface seen at a smaller cosine than the first may be seen from its other side, by the error
-of its normal; at the second its side is known."""
+"""A surface seen at a smaller cosine than the first may be seen from its other side, by the error of
+its normal; at the second its side is known."""
 SIDE_VOXELS = (0.5, 1.5)
 """Likewise for the distance of the sensor from the surface's plane."""
 
@@ -51,7 +51,8 @@ def trust_in(
 
     Args:
         skipmap: the scan's Skip-map; its own viewpoint does not matter.
-        fine: the same scan's at the finest level, on which thin things are seen to hide others.
+        fine: the same scan's at the finest level: there thin things are seen to hide others, on
+            the level above those of which the scan has few points.
         viewpoint_m: (3,) the place, in the Skip-maps' frame.
         is_given: somebody knows that a sensor was there or nearby; only what it hides counts.
 
@@ -60,17 +61,17 @@ def trust_in(
     """
     if min(len(skipmap), len(fine)) == 0:
         return 0.0
-    hidden = hidden_share(fine, viewpoint_m)
+    maps = skipmap, fine
+    hidden = max(hidden_share(one, viewpoint_m) for one in maps)
     falloff = density_falloff(skipmap, viewpoint_m)
     margin = MARGIN_PER_FALLOFF * max(falloff - FALLOFF[1], 0.0)
     explained = 1 - _ramp(hidden - margin, HIDDEN_SHARE)
     dense = 1.0 if is_given else _ramp(falloff, FALLOFF)
     if explained == 0 or dense == 1:
         return float(explained)
-    from_behind = hidden_share(fine, _behind(skipmap, viewpoint_m))
-    in_front = _ramp(from_behind, HIDDEN_FROM_BEHIND) * _ramp(
-        from_behind - hidden, LESS_THAN_BEHIND
-    )
+    behind_m = _behind(skipmap, viewpoint_m)
+    from_behind = max(hidden_share(one, behind_m) for one in maps)
+    in_front = _ramp(from_behind, HIDDEN_FROM_BEHIND) * _ramp(from_behind - hidden, LESS_THAN_BEHIND)
     return float(explained * max(dense, _ramp(falloff, FAINT_FALLOFF) * in_front))
 
 
@@ -122,7 +123,7 @@ def _behind(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:
     return skipmap.centroids_m.mean(axis=0) + _BEHIND_EXTENTS * extent_m * way
 
 
-def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 1000) -> float:
+def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 300) -> float:
     """Share of voxels that a sensor at (3,) ``viewpoint_m`` cannot have seen: 0 for the true one.
 
     A voxel is hidden when its line of sight passes right through another one on the way. The lines

@@ -5,41 +5,88 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skipnet.geometry import transform_points
-from skipnet.scans.viewpoint import (
-    MAX_HIDDEN_SHARE,
-    MIN_FALLOFF,
-    density_falloff,
-    find_viewpoint,
-    hidden_share,
-)
+from skipnet.geometry import make_transform, transform_points
+from skipnet.scans.scan import MIN_TRUST, describe
+from skipnet.scans.viewpoint import FALLOFF, HIDDEN_SHARE, density_falloff, hidden_share, sides
+from skipnet.scans.viewpoint import trust_in as trust_in_maps
 from skipnet.simulation.scanning.figures import turn_figure
-from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
+from skipnet.simulation.scanning.scanner import SCANNERS, scan
 from skipnet.simulation.scenes.scenes import FAMILIES
 from skipnet.skipmap.skipmap import build_skipmap
 
 ORIGIN_M = np.zeros(3)
 
 
+def trust_in(points_m, voxel_size_m, place_m, is_given=False):
+    points_m = np.asarray(points_m, dtype=np.float64)
+    maps = (build_skipmap(points_m, size_m) for size_m in (voxel_size_m, voxel_size_m / 2))
+    return trust_in_maps(*maps, np.asarray(place_m, dtype=np.float64), is_given)
+
+
 @pytest.mark.parametrize("scanner", ["terrestrial", "rings"])
 @pytest.mark.parametrize("family", FAMILIES)
-def test_the_true_viewpoint_of_a_single_scan_is_accepted(family, scanner):
+def test_the_true_viewpoint_of_a_single_scan_is_believed(family, scanner):
     scan_m = simulate_pair(family, 1, scanner=scanner, points=40_000).pair.source_m
-    skipmap = build_skipmap(scan_m.astype(float), 0.2)
-    np.testing.assert_array_equal(find_viewpoint(skipmap, ORIGIN_M), ORIGIN_M)
+    assert trust_in(scan_m, 0.2, ORIGIN_M) > 0.95
 
 
 @pytest.mark.parametrize("family", ["paper_room", "oblique", "doorway"])
-def test_fused_scans_and_wrong_places_hide_more_than_the_true_one(family):
+def test_places_outside_are_not_believed_whoever_gives_them(family):
     pair = simulate_pair(family, 2, points=60_000).pair
     moved_m = transform_points(pair.T_target_source, pair.source_m.astype(float))
     fused = build_skipmap(np.concatenate([moved_m, pair.target_m]), 0.15)
     single = build_skipmap(pair.target_m.astype(float), 0.15)
-    true_share = hidden_share(single, ORIGIN_M)
-    assert true_share < 0.1 * MAX_HIDDEN_SHARE
-    assert hidden_share(fused, ORIGIN_M) > true_share
+    assert hidden_share(fused, ORIGIN_M) > hidden_share(single, ORIGIN_M)
+    assert hidden_share(single, ORIGIN_M) < 0.1 * HIDDEN_SHARE[0]
     for place_m in ([0.0, 0, 40.0], [-35.0, 20.0, 5.0], [300_000.0, 5_000_000.0, 200.0]):
-        assert find_viewpoint(single, np.array(place_m)) is None
+        for is_given in (False, True):
+            assert trust_in(pair.target_m, 0.15, place_m, is_given) < MIN_TRUST
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_the_first_of_a_moving_cameras_places_is_believed(seed):
+    scans, scene = simulate_scans("kitchen", seed, 1, points=200_000)
+    first = scans[0].T_world_sensor
+    fragment_m = []
+    for step in range(5):
+        # Half a metre on the way, looking to one side, as far as a depth camera reaches.
+        T = first @ make_transform(np.eye(3), np.array([0.1 * step, 0.05 * step, 0.02 * step]))
+        seen_m = scan(scene, SCANNERS["terrestrial"].with_beams(200_000), T, step).points_m
+        seen_m = seen_m[(seen_m[:, 0] > 0.7 * np.linalg.norm(seen_m, axis=1))]
+        fragment_m.append(transform_points(np.linalg.inv(first) @ T, seen_m.astype(float)))
+    fragment_m = np.concatenate(fragment_m)
+    assert trust_in(fragment_m, 0.05, ORIGIN_M) > 0.9
+    # Its density says less and less when it is thinned to one point a voxel, and need not.
+    cells = np.unique(np.floor(fragment_m / 0.02).astype(np.int64), axis=0, return_index=True)[1]
+    assert trust_in(fragment_m[cells], 0.05, ORIGIN_M) > MIN_TRUST
+
+
+@pytest.mark.parametrize("family", ["paper_room", "oblique", "kitchen"])
+def test_the_corner_of_a_map_that_nobody_stood_at_is_not_believed(family):
+    scans, _ = simulate_scans(family, 21, 6, points=60_000)
+    map_m = np.concatenate([transform_points(s.T_world_sensor, s.points_m) for s in scans])
+    corner_m = map_m.min(axis=0)
+    assert trust_in(map_m, 0.2, corner_m) < 0.1
+    (described,) = describe([map_m - corner_m], ["auto"])
+    assert described.viewpoint_m is None and described.trust < 0.1
+
+
+def test_a_surface_seen_edge_on_has_no_known_side():
+    rng = np.random.default_rng(0)
+    floor_m = rng.uniform([-3, -3, 0], [3, 3, 0], size=(60_000, 3))
+    wall_m = rng.uniform([3, -3, 0], [3, 3, 3], size=(60_000, 3))
+    skipmap = build_skipmap(np.concatenate([floor_m, wall_m]) + 0.03, 0.2)
+    height_m = np.abs(skipmap.centroids_m[:, 2] - 0.03)
+    on_floor = (height_m < 0.01) & (np.abs(skipmap.centroids_m[:, 0]) < 2.5)
+    on_wall = (height_m > 0.5) & (np.abs(skipmap.centroids_m[:, 1]) < 2.5)
+    low = sides(skipmap, np.array([0.03, 0.03, 0.03]))
+    high = sides(skipmap, np.array([0.03, 0.03, 1.5]))
+    np.testing.assert_array_equal(low[on_floor], 0)
+    np.testing.assert_array_equal(high[on_floor], 1)
+    np.testing.assert_array_equal(low[on_wall], 1)
+    turned = sides(skipmap.seen_from(np.array([0, 0, -50.0])), np.array([0.03, 0.03, 1.5]))
+    np.testing.assert_array_equal(turned, high)
 
 
 def test_what_a_panel_hides_counts_and_what_lies_beside_or_before_it_does_not():
@@ -80,9 +127,8 @@ def test_the_sign_of_the_normals_does_not_matter():
 def test_an_object_was_not_scanned_from_the_origin_inside_it(seed):
     camera_m, _ = turn_figure(seed).clouds_m(0.0)
     middle_m = camera_m.mean(axis=0) * (1 + 0.03 / np.linalg.norm(camera_m.mean(axis=0)))
-    skipmap = build_skipmap(camera_m.astype(float), 0.002)
-    np.testing.assert_array_equal(find_viewpoint(skipmap, ORIGIN_M), ORIGIN_M)
-    assert find_viewpoint(skipmap, middle_m) is None
+    assert trust_in(camera_m, 0.002, ORIGIN_M) > 0.95
+    assert trust_in(camera_m, 0.002, middle_m) < MIN_TRUST
 
 
 def test_density_falls_off_about_the_sensor_and_not_about_other_places():
@@ -93,7 +139,7 @@ def test_density_falls_off_about_the_sensor_and_not_about_other_places():
     wall_m = 3.03 * ways / ways[:, :1]
     skipmap = build_skipmap(wall_m, 0.2)
     assert density_falloff(skipmap, ORIGIN_M) > 0.9
-    assert density_falloff(skipmap, np.array([3.0, 9, 0])) < MIN_FALLOFF
+    assert density_falloff(skipmap, np.array([3.0, 9, 0])) < FALLOFF[1]
     # What is spread evenly over its surface says nothing.
     even_m = rng.uniform([3.03, -6, -6], [3.03, 6, 6], size=(100_000, 3))
-    assert abs(density_falloff(build_skipmap(even_m, 0.2), ORIGIN_M)) < MIN_FALLOFF
+    assert abs(density_falloff(build_skipmap(even_m, 0.2), ORIGIN_M)) < FALLOFF[1]
