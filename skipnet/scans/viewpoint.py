@@ -1,8 +1,8 @@
 """How well a place explains what a scan shows: nobody need assume where it was taken from.
 
-What is seen from one place hides nothing of it and thins out with the range. A camera that moved a
-little while its views were fused hides a little; the origin of a map that was never a sensor's place
-hides a lot, lies on walls and floors, and knows nothing of the density.
+What is seen from one place hides nothing of it and thins out with the range. A camera that moved
+while its views were fused hides a little; the origin of a map that was never a sensor's place hides
+a lot, lies on walls and floors, and knows nothing of the density.
 """
 
 from __future__ import annotations
@@ -13,30 +13,32 @@ from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 HIDDEN_SHARE = (0.10, 0.25)
-"""A place that hides less of a scan explains it, one that hides more explains nothing. Simulated
-fragments fused from a moving camera hide up to 8 % (95 of 100 of them), single scans up to 1 %;
-maps from their corners, floors and middles 10 to 70 %."""
-MARGIN_PER_FALLOFF = 0.2
-"""Where the density speaks for a place, porous trees may hide more, by this per correlation ..."""
+"""A place that hides no more than the first of a scan explains it, one that hides the second
+explains nothing. Of simulated fragments that were fused from a moving camera 95 of 100 hide at most
+8 %, of single scans 1 %; maps hide 10 to 70 % from their corners, floors and middles."""
 FALLOFF = (0.15, 0.30)
-"""... that exceeds the second of these. Correlation of a scan's density with what its sensor's place
-predicts: 0.3 and more for raw scans of any kind, at most 0.23 about places inside an object. Between
-the two it speaks for a place as far as it has come."""
+"""Correlation of a scan's density with what its sensor's place predicts: 0.3 and more for raw scans
+of any kind, at most 0.23 about places inside an object; between the two it speaks for a place as
+far as it has come."""
+MARGIN_PER_FALLOFF = 0.2
+"""Where the density speaks for a place, porous trees may hide more, by this per correlation above
+the second of ``FALLOFF``."""
 FAINT_FALLOFF = (-0.05, 0.08)
-"""What is left of it in thinned and fused clouds, which are even: then a place must also ..."""
+"""What is left of the correlation in thinned and fused clouds, which are even. Then a place must be
+no worse than one behind the surfaces, from where ..."""
 HIDDEN_FROM_BEHIND = (0.01, 0.05)
-"""... be no worse than one behind the surfaces, from where this share must be hidden, and ..."""
+"""... this share must be hidden, and ..."""
 LESS_THAN_BEHIND = (-0.06, -0.02)
-"""... more than from the place itself but for this."""
+"""... more than from the place itself, but for this."""
 _BEHIND_EXTENTS = 3.0
 _FLAT_CURVATURE = 0.03
 _MIN_COSINE = 0.2
 _MIN_SLANT_COSINE = 0.1
 _CORE_VOXELS = 0.2
-"""A line that passes the centroid of a curved voxel by less than this cannot have missed it."""
+"""A line that passes the centroid of a curved voxel by less than this hits what is in it."""
 SIDE_COSINE = (0.05, 0.15)
-"""A surface seen at a smaller cosine than the first may be seen from its other side, by the error of
-its normal; at the second its side is known."""
+"""A surface seen at a smaller cosine than the first may be seen from its other side, as its normal
+errs; at the second its side is known."""
 SIDE_VOXELS = (0.5, 1.5)
 """Likewise for the distance of the sensor from the surface's plane."""
 
@@ -71,7 +73,8 @@ def trust_in(
         return float(explained)
     behind_m = _behind(skipmap, viewpoint_m)
     from_behind = max(hidden_share(one, behind_m) for one in maps)
-    in_front = _ramp(from_behind, HIDDEN_FROM_BEHIND) * _ramp(from_behind - hidden, LESS_THAN_BEHIND)
+    in_front = _ramp(from_behind, HIDDEN_FROM_BEHIND)
+    in_front *= _ramp(from_behind - hidden, LESS_THAN_BEHIND)
     return float(explained * max(dense, _ramp(falloff, FAINT_FALLOFF) * in_front))
 
 

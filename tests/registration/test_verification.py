@@ -23,10 +23,10 @@ VOXEL_M = 0.2
 EYE = np.eye(4)[None]
 
 
-def evidence_of(points_m, viewpoint_m=(0.0, 0, 0), weights=None):
+def evidence_of(points_m, viewpoint_m=(0.0, 0, 0), weights=None, trust=1.0):
     viewpoint_m = None if viewpoint_m is None else np.asarray(viewpoint_m, float)
     skipmap = build_skipmap(points_m, VOXEL_M, viewpoint_m)
-    evidence = build_evidence(skipmap, points_m, np.random.default_rng(0))
+    evidence = build_evidence(skipmap, points_m, np.random.default_rng(0), trust=trust)
     return evidence if weights is None else evidence.weighing(weights(skipmap))
 
 
@@ -165,6 +165,33 @@ def test_opposite_sides_of_a_thin_wall_never_match():
     assert (
         Judge(this, evidence_of(other_side_m, None), 4000, 0.0).score(EYE, ROUGH).overlap[0] > 0.99
     )
+
+
+@pytest.mark.parametrize(("this", "that"), [(1.0, 0.6), (0.5, 0.5), (0.0, 1.0)])
+def test_a_half_trusted_place_tells_sides_and_free_space_by_half(this, that):
+    wall_m = plane_points(20_000, [2.03, -3, -3], [2.03, 3, 3])
+    front = evidence_of(wall_m, trust=this)
+    back = evidence_of(wall_m + [0.1, 0, 0], (5.0, 0, 0), trust=that)
+    # In full view of both, the wall agrees with its own back as far as either may be mistaken.
+    close = (np.abs(front.points_m[:, 1:]) < 2.5).all(axis=1)
+    np.testing.assert_allclose(front.sides[close], this)
+    score = Judge(front, back, 4000, 0.0).score(EYE, ROUGH)
+    assert score.overlap[0] == pytest.approx(1 - this * that, abs=1e-3)
+    room_m, panel_m = box_room(), plane_points(4000, [1.03, -1, -1], [1.03, 1, 1])
+    source = evidence_of(np.concatenate([room_m, panel_m]))
+    whole, part = (
+        Judge(source, evidence_of(room_m, trust=trust), 4000, 0.0).score(EYE, ROUGH).violation[0]
+        for trust in (1.0, that)
+    )
+    assert whole > 0.005 and part == pytest.approx(that * whole)
+
+
+def test_floors_seen_edge_on_match_whichever_side_is_up():
+    floor_m = plane_points(40_000, [-3, -3, 0.03], [3, 3, 0.03])
+    low, lower = evidence_of(floor_m, (0, 0, 0.06)), evidence_of(floor_m, (0, 0, 0.0))
+    assert Judge(low, lower, 4000, 0.0).score(EYE, ROUGH).overlap[0] == pytest.approx(1.0)
+    over, under = evidence_of(floor_m, (0, 0, 2.0)), evidence_of(floor_m, (0, 0, -2.0))
+    assert Judge(over, under, 4000, 0.0).score(EYE, ROUGH).overlap[0] == 0
 
 
 def test_weights_say_how_much_a_voxel_counts():
