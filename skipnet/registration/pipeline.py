@@ -137,7 +137,9 @@ def _naming_units(
     if guess is None or not (result.confidence < HOPELESS_CONFIDENCE or guess.is_surely_apart):
         return result
     clouds_m = guess.factor * source_m, target_m
-    scans = describe(clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device))
+    scans = describe(
+        clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device)
+    )
     retry = register_scans(scans[0], scans[1], config, Stopwatch())
     registers = retry.status is Status.REGISTERED
     if not (registers or guess.is_surely_apart):
