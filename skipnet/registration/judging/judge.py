@@ -25,7 +25,7 @@ from skipnet.registration.judging.score import (
     severity,
 )
 from skipnet.scans.evidence import Evidence
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 _SOON_JUDGED = 1 << 13
 """Voxels, over all candidates, that are judged before another thread has begun."""
