@@ -38,16 +38,9 @@ CHANCE_SCORE = 0.05
 MIN_SPARSE_HOLD = 6.0
 """Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 
-FEATURES = (
-    "overlap",
-    "violation",
-    "margin",
-    "held",
-    "blind",
-    "blind_overlap",
-    "blind_margin",
-    "blind_held",
-)
+_SEEN = ("support", "margin", "decisiveness", "mismatch", "held")
+FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
+"""What the confidence is made of."""
 FIRMLY_HELD_VOXELS = 99.0
 """More than this says nothing more."""
 
@@ -170,20 +163,11 @@ class Findings:
 
     @property
     def features(self) -> FloatArray:
-        """What the confidence is computed from, in the order of ``FEATURES``."""
-        return self.features_from(
-            self.overlap, self.violation, self.margin, self.held_voxels, self.blind
-        )
-
-    @staticmethod
-    def features_from(
-        overlap: float, violation: float, margin: float, held_voxels: float, blind: float
-    ) -> FloatArray:
-        """(F,) features of figures as this class holds them."""
-        held = np.log10(1 + min(held_voxels, FIRMLY_HELD_VOXELS))
+        """(F,) what the confidence is computed from, in the order of ``FEATURES``."""
+        held = np.log10(1 + min(self.held_voxels, FIRMLY_HELD_VOXELS))
+        seen = np.array([self.support, self.margin, self.decisiveness, self.mismatch, held])
         # Without free space the other figures must say more: they get weights of their own.
-        in_the_dark = blind * np.array([1.0, overlap, margin, held])
-        return np.array([overlap, np.sqrt(violation), margin, held, *in_the_dark])
+        return np.concatenate([[np.sqrt(self.violation)], seen, [self.blind], self.blind * seen])
 
 
 def find_out(

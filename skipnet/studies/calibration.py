@@ -1,9 +1,9 @@
 """Fitting the verdict's confidence on simulated pairs: ``skipnet study calibration``.
 
 Positives are pairs of every simulated family, undisturbed, with passers-by and without viewpoints,
-and views of little overlap; negatives are scans of two different scenes of one kind, which for
-paper rooms means the same shell with other furniture. No real cloud takes part. The scenes are
-those of no training and no benchmark.
+views of little overlap, and situations in which a wrong pose fits well; negatives are scans of two
+different scenes of one kind, which for paper rooms means the same shell with other furniture. No
+real cloud takes part. The scenes are those of no training and no benchmark.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from skipnet.scans.scan import Viewpoint
 from skipnet.simulation.scanning.degrading import add_passers_by
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import CALIBRATION
+from skipnet.simulation.situations.catalog import SITUATIONS, is_right
 from skipnet.storage import write_text
 from skipnet.studies.options import CalibrationConfig
 from skipnet.studies.study import do_all, report
@@ -102,6 +103,9 @@ def jobs(scenes: int, skip: int = 0) -> dict[str, Job]:
         for family in FAMILIES
         for scanner in SCANNERS
     }
+    for situation in SITUATIONS:
+        for number in range(skip, skip + 2 * scenes):
+            chosen[f"{situation}/{number}"] = partial(trials_of_situation, situation, number)
     for index, number in enumerate(numbers):
         share = index / scenes
         for kind in KINDS:
@@ -144,6 +148,17 @@ def trials_of_views(kind: Kind, number: int, share: float) -> list[Trial]:
         for one in (number, number + 1)
     )
     return _same_and_different(pair, other, name)
+
+
+def trials_of_situation(name: str, number: int) -> list[Trial]:
+    """One that is hard to be honest about; some have no right answer."""
+    situation = SITUATIONS[name](CALIBRATION.scene(number))
+    result = register(situation.source_m, situation.target_m)
+    found = result.findings
+    if found is None:
+        return []
+    right = is_right(result.T_target_source, situation)
+    return [Trial(f"{name}/{number}/{situation.name}", found.features, found.violation, right)]
 
 
 def _same_and_different(
@@ -203,6 +218,7 @@ def fit(trials: Sequence[Trial], first_seed: int = CALIBRATION.first) -> dict[st
         "families": list(FAMILIES),
         "scanners": list(SCANNERS),
         "views": [kind.name for kind in KINDS],
+        "situations": list(SITUATIONS),
         "first_seed": first_seed,
         "regularisation": REGULARISATION,
     }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from skipnet.registration.findings import Findings
 from skipnet.registration.judging.score import Score
 from skipnet.registration.settling import firmest_first
 from skipnet.registration.verdict import decide
+from skipnet.types import Status
 
 
 def alignment_of(held_shares):
@@ -37,26 +40,61 @@ def alignment_of(held_shares):
 def test_of_equally_good_poses_the_firmest_held_one_comes_first(total, first):
     total = np.array(total)
     kept = np.argsort(-total)
-    order = firmest_first(kept, Score(total, total, 0 * total), alignment_of([1e-4, 0.3, 0.5]))
+    order = firmest_first(
+        kept, Score(total, *[total, 0 * total] * 2, 0 * total), alignment_of([1e-4, 0.3, 0.5])
+    )
     assert order[0] == first
     assert sorted(order) == sorted(kept)
     assert list(order[1:]) == [row for row in kept if row != first]
 
 
-@pytest.mark.parametrize(("held_voxels", "status"), [(0.05, "ambiguous"), (50.0, "registered")])
-def test_a_pose_that_next_to_nothing_holds_is_not_registered(held_voxels, status):
-    findings = Findings(
-        overlap=0.85,
-        violation=0.0,
-        margin=0.9,
-        matched=10_000,
-        held_voxels=held_voxels,
-        blind=0.0,
-        covariance=np.eye(6),
-        free_directions=np.zeros((0, 3)),
-        free_turns=np.zeros((0, 3)),
-        alternatives=np.zeros((0, 4, 4)),
-    )
-    verdict = decide(findings)
-    assert verdict.status == status
-    assert (verdict.confidence <= 0.5) == (status == "ambiguous")
+GOOD = Findings(
+    overlap=0.85,
+    violation=0.0,
+    margin=0.9,
+    support=0.85,
+    decisiveness=0.9,
+    mismatch=0.01,
+    seen_again=1.0,
+    riding_worth=0.0,
+    matched=10_000,
+    held_voxels=50.0,
+    is_sparse=False,
+    odd_share=0.0,
+    is_mirrored=False,
+    blind=0.0,
+    covariance=np.eye(6),
+    free_directions=np.zeros((0, 3)),
+    free_turns=np.zeros((0, 3)),
+    alternatives=np.zeros((0, 4, 4)),
+)
+
+
+def test_a_pose_against_which_nothing_speaks_is_registered():
+    verdict = decide(GOOD)
+    assert verdict.status is Status.REGISTERED and verdict.confidence > 0.9
+
+
+@pytest.mark.parametrize(
+    ("found", "status", "words"),
+    [
+        ({"held_voxels": 0.05}, "ambiguous", "next to nothing holds"),
+        ({"free_directions": np.eye(3)[:1]}, "ambiguous", "position along"),
+        ({"alternatives": np.eye(4)[None]}, "ambiguous", "2 distinct poses"),
+        ({"violation": 0.05}, "failed", "saw free space"),
+        ({"is_mirrored": True}, "failed", "mirror image"),
+        ({"odd_share": 0.1, "blind": 1.0}, "ambiguous", "alike, not the same"),
+        ({"seen_again": 0.7, "is_sparse": True}, "ambiguous", "rides with the sensor"),
+        ({"seen_again": 0.7, "riding_worth": 50.0}, "ambiguous", "rides with the sensor"),
+    ],
+)
+def test_what_speaks_against_a_pose_is_said(found, status, words):
+    verdict = decide(replace(GOOD, **found))
+    assert verdict.status == status and words in verdict.reason
+    assert verdict.confidence <= 0.5
+
+
+def test_sensors_that_stood_still_before_a_scene_at_rest_need_no_warning():
+    assert decide(replace(GOOD, seen_again=0.97, is_sparse=True)).status == "registered"
+    # Leaves never match; without rings and without a body nothing need ride along.
+    assert decide(replace(GOOD, seen_again=0.7)).status == "registered"
