@@ -8,7 +8,7 @@ finished here (``tasks.classes`` learns the class head).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -16,7 +16,7 @@ import torch
 from torch import nn
 from torch.nn.functional import cross_entropy
 
-from skipnet.metrics.correspondences import ENOUGH_INLIERS, Keypoints
+from skipnet.metrics.correspondences import ENOUGH_INLIERS, Keypoints, range_of
 from skipnet.networks.model import Model
 from skipnet.training.data.factory import Factory
 from skipnet.training.data.labelled import Samples
@@ -74,6 +74,10 @@ class Lessons:
     def pairs_at(self, step: int) -> Sequence[PatchPairs]:
         """What a step may learn from: always all."""
         return self.pairs
+
+    def figures(self) -> dict[str, float]:
+        """For TensorBoard: how fast they come; these are all there."""
+        return {}
 
     def scaling(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Patches, and details of labelled ones, from which the inputs' scaling is taken."""
@@ -165,7 +169,8 @@ class DescriptorTask:
 
     def judge(self, network: Any) -> Judgement:
         """Mean inlier ratio on the unseen scans; figures also hold the share of matched pairs."""
-        return judge_inliers(network.model(), self.unseen)
+        judgement = judge_inliers(network.model(), self.unseen)
+        return replace(judgement, figures={**judgement.figures, **self.lessons.figures()})
 
     def state(self) -> dict[str, Any]:
         """See ``Task``."""
@@ -201,6 +206,9 @@ def judge_inliers(model: Model, unseen: Sequence[Keypoints]) -> Judgement:
         "inlier_ratio/validation": float(ratios.mean()),
         "matched_pairs/validation": float((ratios >= ENOUGH_INLIERS).mean()),
     }
+    ranges = np.array([range_of(keypoints.overlap) for keypoints in unseen])
+    for name in np.unique(ranges):
+        figures[f"inlier_ratio/overlap {name}"] = float(ratios[ranges == name].mean())
     return Judgement(float(ratios.mean()), figures)
 
 
