@@ -133,6 +133,7 @@ class DescriptorTask:
     def prepare(self, network: Any, device: torch.device) -> None:
         """See ``Task``; also sets torch's random state, from which dropout draws."""
         torch.manual_seed(self._seed)
+        _check_enough(self.lessons.pairs_at(0), self.plan)
         network.fit_scaling(*self.lessons.scaling())
         self._device = device
 
@@ -216,13 +217,17 @@ def draw_pairs(
     training: Sequence[PatchPairs], plan: StepPlan, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """(N, ...) patches of source and target, and (N, N) which places are different."""
+    _check_enough(training, plan)
+    chosen = rng.choice(len(training), plan.scans, replace=False)
+    return join_pairs([training[scans] for scans in chosen], plan, rng)
+
+
+def _check_enough(training: Sequence[PatchPairs], plan: StepPlan) -> None:
     if len(training) < plan.scans:
         raise ValueError(
             f"a step takes {plan.scans} pairs of scans, but only {len(training)} are there; "
             "simulate more"
         )
-    chosen = rng.choice(len(training), plan.scans, replace=False)
-    return join_pairs([training[scans] for scans in chosen], plan, rng)
 
 
 def join_pairs(
