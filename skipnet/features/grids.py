@@ -60,6 +60,19 @@ def turned_over(grids: FloatArray) -> FloatArray:
 
 
 @compiled
+def _finish(grid: FloatArray) -> None:
+    """Turn sums into means and counts into logarithms, in one (8, 6, 16, 7) grid."""
+    for i in range(grid.shape[0]):
+        for j in range(grid.shape[1]):
+            for s in range(grid.shape[2]):
+                cell = grid[i, j, s]
+                if cell[0] > 0:
+                    for channel in range(1, 7):
+                        cell[channel] /= cell[0]
+                    cell[0] = np.log(1 + cell[0])
+
+
+@compiled
 def _fill(
     grids: FloatArray,
     middle: FloatArray,
@@ -86,8 +99,7 @@ def _fill(
         a_x, a_y, a_z = frames[k, 0, 0], frames[k, 1, 0], frames[k, 2, 0]
         for run in range(3):
             for w in range(first[k, run], last[k, run]):
-                x = around[w, 0] - middle[k, 0]
-                y = around[w, 1] - middle[k, 1]
+                x, y = around[w, 0] - middle[k, 0], around[w, 1] - middle[k, 1]
                 z = around[w, 2] - middle[k, 2]
                 height = x * a_x + y * a_y + z * a_z
                 u = x * frames[k, 0, 1] + y * frames[k, 1, 1] + z * frames[k, 2, 1]
@@ -97,8 +109,7 @@ def _fill(
                     continue  # outside, or the voxel itself
                 i = min(int((height + reach) / (2 * reach) * heights), heights - 1)
                 j = min(int(radius / reach * radii), radii - 1)
-                turn = np.arctan2(v, u) / (2 * np.pi)
-                s = min(int((turn - np.floor(turn)) * sectors), sectors - 1)
+                s = int(np.arctan2(v, u) / (2 * np.pi) * sectors + sectors) % sectors
                 # Outwards and around, at this place of the cylinder.
                 cosine, sine = u / radius, v / radius
                 o_x = cosine * frames[k, 0, 1] + sine * frames[k, 0, 2]
@@ -123,11 +134,4 @@ def _fill(
                 cell[4] += na_x * o_x + na_y * o_y + na_z * o_z
                 cell[5] += na_x * t_x + na_y * t_y + na_z * t_z
                 cell[6] += no_x * t_x + no_y * t_y + no_z * t_z
-        for i in range(heights):
-            for j in range(radii):
-                for s in range(sectors):
-                    cell = grids[k, i, j, s]
-                    if cell[0] > 0:
-                        for channel in range(1, 7):
-                            cell[channel] /= cell[0]
-                        cell[0] = np.log(1 + cell[0])
+        _finish(grids[k])

@@ -61,8 +61,12 @@ def match(scans: TwoScans, find: Correspond) -> Match:
     start_s = time.perf_counter()
     rows_s, rows_t = find(scans)
     seconds = time.perf_counter() - start_s
-    overlap = len(true_correspondences(scans)[0]) / len(scans.source)
-    return Match(inlier_ratio(scans, rows_s, rows_t), overlap, seconds)
+    return Match(inlier_ratio(scans, rows_s, rows_t), overlap_of(scans), seconds)
+
+
+def overlap_of(scans: TwoScans) -> float:
+    """Share of the source's voxels that the target has too."""
+    return len(true_correspondences(scans)[0]) / len(scans.source)
 
 
 def by_network(scans: TwoScans, descriptor: Model) -> tuple[IntArray, IntArray]:
@@ -108,12 +112,21 @@ def summarise(matches: Sequence[Match]) -> dict[str, float]:
 
 def by_overlap(matches: Sequence[Match]) -> dict[str, dict[str, float]]:
     """``summarise`` for each range of overlap in which there are pairs."""
-    groups = {}
-    for low, high in zip(OVERLAP_LIMITS, OVERLAP_LIMITS[1:], strict=False):
-        inside = [one for one in matches if low <= one.overlap < high]
-        if inside:
-            groups[f"{low:.0%} to {high:.0%}"] = summarise(inside)
-    return groups
+    groups: dict[str, list[Match]] = {range_of(low): [] for low in OVERLAP_LIMITS[:-1]}
+    for one in matches:
+        groups[range_of(one.overlap)].append(one)
+    return {name: summarise(inside) for name, inside in groups.items() if inside}
+
+
+def range_of(overlap: float) -> str:
+    """The range of ``OVERLAP_LIMITS`` in which it lies, in words.
+
+    >>> range_of(0.15)
+    '10% to 20%'
+    """
+    last = len(OVERLAP_LIMITS) - 1
+    above = min(int(np.searchsorted(OVERLAP_LIMITS, overlap, side="right")), last)
+    return f"{OVERLAP_LIMITS[above - 1]:.0%} to {OVERLAP_LIMITS[above]:.0%}"
 
 
 @dataclass(frozen=True)
@@ -128,6 +141,8 @@ class Keypoints:
     """(K, 3) where the source's truly lie in the target's frame, in voxels."""
     target_voxels: FloatArray
     """(L, 3) where the target's lie."""
+    overlap: float
+    """Share of the source's voxels that the target has too."""
 
     @staticmethod
     def of(scans: TwoScans, descriptor: Model) -> Keypoints:
@@ -145,7 +160,11 @@ class Keypoints:
             places_m = np.concatenate([places_m, places_m])
         size_m = scans.source.voxel_size_m
         return Keypoints(
-            descriptor.cut(scans.source, rows_s), patches_t, moved_m / size_m, places_m / size_m
+            descriptor.cut(scans.source, rows_s),
+            patches_t,
+            moved_m / size_m,
+            places_m / size_m,
+            overlap_of(scans),
         )
 
     def inlier_ratio(self, descriptor: Model) -> float:

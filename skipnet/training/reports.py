@@ -58,11 +58,14 @@ def for_card(config: TrainConfig) -> dict[str, Any]:
 def log_round(writer: SummaryWriter, record: Record, judgement: Judgement, group: str = "") -> None:
     """The training's loss, all figures of the validation set and, now and then, the confusion.
 
+    What takes long also says on the terminal how far it is.
     ``group`` comes before every name, to tell them from those of another training in one folder.
     """
     number = record.step if judgement.confusion is None else record.round
     values = {"loss/training": record.training_loss, **judgement.figures}
     dashboard.log_scalars(writer, {f"{group}{n}": value for n, value in values.items()}, number)
+    if judgement.confusion is None:
+        print(f"step {record.step}: {', '.join(f'{n} {v:.4g}' for n, v in values.items())}")
     drawn = record.round % _DRAWN_ROUNDS == 0 and record.round <= 10 * _DRAWN_ROUNDS
     if judgement.confusion is not None and drawn:
         figure = pictures.draw_confusion_matrix(judgement.confusion, CLASS_NAMES)

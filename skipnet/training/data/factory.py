@@ -8,6 +8,7 @@ the bit.
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
@@ -57,6 +58,7 @@ class Kind:
 
 def _views(device: str, farthest_rad: float) -> Callable[[str, int, np.random.Generator], Clouds]:
     def make(family: str, seed: int, rng: np.random.Generator) -> Clouds:
+        """Two views that look apart by a drawn angle."""
         scene = look_around(family, seed, device)
         return (*scene.clouds_m(rng.uniform(0, farthest_rad)), scene.T_target_source)
 
@@ -148,6 +150,7 @@ class Factory:
         self._ahead: deque[Future[PatchPairs | None]] = deque()
         self._held: deque[PatchPairs | None] = deque(maxlen=window)
         self._next = self._asked = 0
+        self._counted = 0, time.perf_counter()
 
     def digest(self) -> str:
         """What tells these lessons from others."""
@@ -168,6 +171,12 @@ class Factory:
             self._held.append(self._ahead.popleft().result())
             self._next += 1
         return [pairs for pairs in self._held if pairs is not None]
+
+    def figures(self) -> dict[str, float]:
+        """For TensorBoard: how fast pairs of scans came since this was last asked."""
+        (made, then_s), self._counted = self._counted, (self._next, time.perf_counter())
+        speed = (self._counted[0] - made) / max(self._counted[1] - then_s, 1e-9)
+        return {"factory/pairs_per_second": speed}
 
     def scaling(self) -> tuple[torch.Tensor]:
         """Patches from which the scaling of the inputs is taken."""

@@ -81,7 +81,7 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
         outcome = fit(config, lessons)
     trained_s = time.perf_counter()
     path = folder / "descriptor.npz"
-    card = make_card(config, outcome)
+    card = make_card(config, outcome) | {"hours": round((trained_s - start_s) / 3600, 2)}
     save_network(outcome.network.arrays(), card, path)
     deep = load_network(path, config.device.value)  # judged as it will be used: rounded
     test = scans_of(DEEP_TEST.take(options.test_pairs))
@@ -99,6 +99,10 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     }
     write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     write_text(folder / "scores.md", reports.descriptor_table(scores))
+    final = {f"hparam/{name}": of["all"]["inlier_ratio"] for name, of in scores.items()}
+    chosen = {"optimizer": config.optimizer["_target_"], "learning_rate": config.learning_rate}
+    with dashboard.open_dashboard(folder / "tensorboard") as writer:
+        dashboard.log_hyperparameters(writer, {**vars(options), **chosen}, final)
     return summary
 
 

@@ -8,7 +8,7 @@ finished here (``tasks.classes`` learns the class head).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -16,7 +16,7 @@ import torch
 from torch import nn
 from torch.nn.functional import cross_entropy
 
-from skipnet.metrics.correspondences import ENOUGH_INLIERS, Keypoints
+from skipnet.metrics.correspondences import ENOUGH_INLIERS, Keypoints, range_of
 from skipnet.networks.model import Model
 from skipnet.training.data.factory import Factory
 from skipnet.training.data.labelled import Samples
@@ -75,6 +75,10 @@ class Lessons:
         """What a step may learn from: always all."""
         return self.pairs
 
+    def figures(self) -> dict[str, float]:
+        """For TensorBoard: how fast they come; these are all there."""
+        return {}
+
     def scaling(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Patches, and details of labelled ones, from which the inputs' scaling is taken."""
         some = [torch.from_numpy(pairs.source[:100]).float() for pairs in self.pairs]
@@ -129,6 +133,7 @@ class DescriptorTask:
     def prepare(self, network: Any, device: torch.device) -> None:
         """See ``Task``; also sets torch's random state, from which dropout draws."""
         torch.manual_seed(self._seed)
+        _check_enough(self.lessons.pairs_at(0), self.plan)
         network.fit_scaling(*self.lessons.scaling())
         self._device = device
 
@@ -165,7 +170,8 @@ class DescriptorTask:
 
     def judge(self, network: Any) -> Judgement:
         """Mean inlier ratio on the unseen scans; figures also hold the share of matched pairs."""
-        return judge_inliers(network.model(), self.unseen)
+        judgement = judge_inliers(network.model(), self.unseen)
+        return replace(judgement, figures={**judgement.figures, **self.lessons.figures()})
 
     def state(self) -> dict[str, Any]:
         """See ``Task``."""
@@ -201,6 +207,9 @@ def judge_inliers(model: Model, unseen: Sequence[Keypoints]) -> Judgement:
         "inlier_ratio/validation": float(ratios.mean()),
         "matched_pairs/validation": float((ratios >= ENOUGH_INLIERS).mean()),
     }
+    ranges = np.array([range_of(keypoints.overlap) for keypoints in unseen])
+    for name in np.unique(ranges):
+        figures[f"inlier_ratio/overlap {name}"] = float(ratios[ranges == name].mean())
     return Judgement(float(ratios.mean()), figures)
 
 
@@ -208,13 +217,17 @@ def draw_pairs(
     training: Sequence[PatchPairs], plan: StepPlan, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """(N, ...) patches of source and target, and (N, N) which places are different."""
+    _check_enough(training, plan)
+    chosen = rng.choice(len(training), plan.scans, replace=False)
+    return join_pairs([training[scans] for scans in chosen], plan, rng)
+
+
+def _check_enough(training: Sequence[PatchPairs], plan: StepPlan) -> None:
     if len(training) < plan.scans:
         raise ValueError(
             f"a step takes {plan.scans} pairs of scans, but only {len(training)} are there; "
             "simulate more"
         )
-    chosen = rng.choice(len(training), plan.scans, replace=False)
-    return join_pairs([training[scans] for scans in chosen], plan, rng)
 
 
 def join_pairs(
