@@ -55,7 +55,9 @@ _TINY_PAIRS = (
 )
 
 BLOCKS = (
-    Block("paper", "evaluate", ("Time and error of each stage", SAID), "pairs=1 points=5000"),
+    Block(
+        "paper", "evaluate pairs=20", ("Time and error of each stage", SAID), "pairs=1 points=5000"
+    ),
     Block(
         "real",
         "evaluate benchmark=folder data=FOLDER",
@@ -70,20 +72,20 @@ BLOCKS = (
     ),
     Block(
         "peers_real",
-        "evaluate benchmark=peers dataset=folder data=FOLDER most_per_set=3",
+        "evaluate benchmark=peers dataset=folder data=FOLDER most_per_set=2",
         (SUCCESS, SETS),
         "most_per_set=1 sets=[jsanchez_room] methods=[skipnet,kiss_matcher]",
     ),
     Block(
         "best_voxel",
-        "evaluate benchmark=best_voxel dataset=folder data=FOLDER most_per_set=5 "
+        "evaluate benchmark=best_voxel dataset=folder data=FOLDER most_per_set=3 "
         "methods=[skipnet,kiss_voxels]",
         (SETS, "Best method of each set"),
         "most_per_set=1 sets=[jsanchez_room]",
     ),
     Block(
         "overlap",
-        "evaluate benchmark=overlap pairs=5",
+        "evaluate benchmark=overlap pairs=4",
         (OVERLAP, SETS, SAID, CONFIDENCE),
         "pairs=1 methods=[skipnet]",
     ),
@@ -111,7 +113,7 @@ BLOCKS = (
     ),
     Block(
         "vigilance",
-        "study vigilance pairs=20 negatives=100",
+        "study vigilance pairs=20 negatives=80",
         ("What came back",),
         "pairs=1 negatives=2",
     ),
@@ -125,13 +127,13 @@ BLOCKS = (
     ),
     Block(
         "network",
-        "train compare_alone=true data.test_scenes=40 descriptor.test_pairs=32",
+        "train compare_alone=true data.test_scenes=20 descriptor.test_pairs=32",
         small=f"compare_alone=false {_TINY_SCENES} {_TINY_PAIRS}",
         report="scores.md",
     ),
     Block(
         "classes",
-        "train experiment=classes compare_sklearn=true data.training_scenes=60",
+        "train experiment=classes compare_sklearn=true data.training_scenes=40",
         small=f"epochs=2 compare_sklearn=false {_TINY_SCENES}",
         report="scores.md",
     ),

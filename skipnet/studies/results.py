@@ -74,6 +74,8 @@ def measure(block: Block, config: ResultsConfig, commit: str) -> None:
     begun = (state.get("commit"), state.get("arguments")) == (commit, arguments)
     if begun and "finished" in state:
         return
+    if folder.exists() and not state:
+        raise ValueError(f"{folder} is no run of this study: choose another output_dir")
     if folder.exists() and not (begun and block.resumes):
         shutil.rmtree(folder)
     state = {"commit": commit, "arguments": arguments, "small": config.small}

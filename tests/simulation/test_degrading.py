@@ -7,7 +7,6 @@ import pytest
 
 from skipnet.geometry import make_transform, rotation_from_vector, transform_points
 from skipnet.simulation.scanning.degrading import (
-    Recipe,
     add_passers_by,
     blur_depth,
     cut,
@@ -17,6 +16,7 @@ from skipnet.simulation.scanning.degrading import (
     tear_holes,
     thin,
 )
+from skipnet.simulation.scanning.recipe import Recipe
 
 POINTS_M = np.random.default_rng(0).uniform(-3, 3, (20_000, 3))
 

@@ -177,6 +177,14 @@ def test_a_failed_command_stops_the_run_and_what_was_measured_stays(checkout):
     assert json.loads(Path("runs", "two", STATE_FILE).read_text())["finished"]
 
 
+def test_a_folder_of_something_else_is_left_alone(checkout):
+    Path("runs", "one").mkdir(parents=True)
+    Path("runs", "one", "thesis.txt").write_text("years")
+    with pytest.raises(ValueError, match="no run of this study"):
+        results.run(CONFIG)
+    assert Path("runs", "one", "thesis.txt").exists()
+
+
 def test_changed_files_have_no_commit(checkout):
     Path("code.py").write_text("3")
     with pytest.raises(ValueError, match="code.py is changed"):

@@ -39,8 +39,8 @@ from skipnet.networks.names import SHIPPED_WEIGHTS
 from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.pipeline import register
-from skipnet.simulation.scanning.degrading import Recipe
 from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.scanning.recipe import Recipe
 from skipnet.training.data import labelled as dataset
 from skipnet.training.data.labelled import Samples
 from skipnet.training.data.pairs import PatchPairs, digest, make_patch_pairs, simulate_two_scans
@@ -455,7 +455,7 @@ def test_every_device_learns_the_same(lessons: Lessons, name: str) -> None:
 
 @pytest.mark.parametrize("family", ["terrain", "clutter"])
 def test_scans_are_spoilt_as_the_recipe_says(family: str) -> None:
-    gentle = Recipe(0, 0, 0, voxel_octaves=0, noise_voxels=(0.0,), least_kept=1.0, holes=0)
+    gentle = Recipe(0, 0, 0, voxel_octaves=0, noise_voxels=[0.0], least_kept=1.0, holes=0)
     harsh = replace(gentle, least_kept=0.01, holes=6)
     whole, torn = (simulate_two_scans(family, 3, how) for how in (gentle, harsh))
     assert whole is not None and torn is not None

@@ -96,19 +96,22 @@ def rules_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
 
 def sets_table(rows: Sequence[ScoreRow], labels: dict[str, str], rule: Protocol) -> Table:
     """Success per set, and the mean over sets, which does not let the largest set decide."""
-    sets = list(dict.fromkeys(row.set for row in rows if row.counts))
-    lines = []
+    of_set = {row.set: row.own_limits for row in rows if row.counts}
+    own = rule.rmse_m is None and rule.rotation_deg is None
+    titles = [f"{name} ({limits})" if own else name for name, limits in of_set.items()]
+    columns = []
     for method in dict.fromkeys(row.method for row in rows):
         final = final_rows(rows, method)
-        of_set = {name: [row for row in final if row.set == name] for name in sets}
-        rates = [success_rate([row.success for row in of_set[name]]) for name in sets]
-        cells = [right_of(of_set[name]) for name in sets]
-        lines.append((labels[method], f"{np.mean(rates):.1%}", right_of(final), *cells))
-    own = rule.rmse_m is None and rule.rotation_deg is None
-    limits = {row.set: row.own_limits for row in rows} if own else {}
-    names = (f"{name} ({limits[name]})" if own else name for name in sets)
-    headers = ("", "mean of sets", "all pairs", *names)
-    return Table("Success by set", headers, tuple(lines), rule.sentence)
+        parts = [[row for row in final if row.set == name] for name in of_set]
+        mean = np.mean([success_rate([row.success for row in part]) for part in parts])
+        columns.append([*map(right_of, parts), right_of(final), f"{mean:.1%}"])
+    lines = zip([*titles, "all pairs", "mean of sets"], *columns, strict=True)
+    return Table("Success by set", _heads(rows, labels), tuple(lines), rule.sentence)
+
+
+def _heads(rows: Sequence[ScoreRow], labels: dict[str, str]) -> tuple[str, ...]:
+    """Above a table with a column for each method."""
+    return ("", *(labels[method] for method in dict.fromkeys(row.method for row in rows)))
 
 
 def chosen_table(chosen: dict[tuple[str, str], str], labels: dict[str, str]) -> Table | None:
@@ -125,17 +128,17 @@ def overlap_table(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Table:
     """Success by the share of the source that the target sees too."""
     bins = list(zip(OVERLAP_EDGES, OVERLAP_EDGES[1:], strict=False))
     used = [one for one in bins if any(in_bin(row, one) for row in rows if row.counts)]
+    final = [final_rows(rows, method) for method in dict.fromkeys(row.method for row in rows)]
     lines = tuple(
         (
-            labels[method],
-            *(right_of([r for r in final_rows(rows, method) if in_bin(r, one)]) for one in used),
+            f"{one[0]:.0%} to {one[1]:.0%}",
+            *(right_of([row for row in of_method if in_bin(row, one)]) for of_method in final),
         )
-        for method in dict.fromkeys(row.method for row in rows)
+        for one in used
     )
-    headers = ("", *(f"{low:.0%} to {high:.0%}" for low, high in used))
     note = "Overlap as the data set gives it; otherwise the share of the source's voxels that lie "
     note += "within one voxel of the target under the true pose."
-    return Table("Success by overlap", headers, lines, note)
+    return Table("Success by overlap", _heads(rows, labels), lines, note)
 
 
 def in_bin(row: ScoreRow, limits: tuple[float, float]) -> bool:

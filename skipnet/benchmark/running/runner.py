@@ -22,8 +22,8 @@ from skipnet.benchmark.options import EvaluateConfig
 from skipnet.benchmark.reporting.report import Results, write_report
 from skipnet.benchmark.running.setup import (
     NamedMethod,
-    describe,
     group_of,
+    head_of_report,
     make_methods,
     make_pair_set,
     protocol_of,
@@ -66,7 +66,7 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
     chosen = choose_best(rows, group_of(config))
     labels |= {group: group for group, _ in chosen}
     results = Results(
-        about=describe(config) | {"all calls took": duration(p.time_s for p in predictions)},
+        about=head_of_report(config) | {"all calls took": duration(p.time_s for p in predictions)},
         rows=[*rows, *best_of_groups(rows, chosen)],
         predictions=predictions,
         labels=labels,

@@ -38,7 +38,7 @@ class NamedMethod:
     """The method whose coarse pose is this one's start; empty for identity."""
 
 
-def describe(config: EvaluateConfig) -> dict[str, str]:
+def head_of_report(config: EvaluateConfig) -> dict[str, str]:
     """What was run, for the head of the report."""
     about = {"benchmark": config.benchmark, "methods": ", ".join(config.methods)}
     about |= make_dataset(config).describe()

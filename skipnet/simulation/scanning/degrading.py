@@ -7,11 +7,11 @@ places. Benchmarks, studies and training data are made worse by these same steps
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from skipnet.geometry import invert, transform_points
+from skipnet.simulation.scanning.recipe import Recipe
 from skipnet.simulation.scanning.scanner import SimulatedScan
 from skipnet.types import BoolArray, FloatArray
 
@@ -107,35 +107,6 @@ def fuse(clouds_m: Sequence[FloatArray], T_world_cloud: Sequence[FloatArray]) ->
         for T_world_one, one_m in zip(T_world_cloud[1:], clouds_m[1:], strict=True)
     ]
     return np.concatenate([clouds_m[0], *others_m])
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How scenes are scanned, degraded and cut into examples; every share is one of pairs of scans.
-
-    All lengths follow the voxel size, which is drawn too: so nothing here has a scale.
-    """
-
-    rings_share: float = 0.25
-    """Taken by a spinning scanner of 16 channels."""
-    camera_share: float = 0.25
-    """Seen by two cameras of a narrow view that look at about the same point."""
-    fused_share: float = 0.2
-    """Fused from two places each, so that the normals' sides mean nothing."""
-    aim_error: float = 0.2
-    """How far apart the cameras aim, as a share of their distance from the point."""
-    voxel_octaves: float = 1.0
-    """The usual voxel size is multiplied by a power of two between minus and plus this."""
-    noise_voxels: tuple[float, ...] = (0.0, 0.05, 0.15)
-    """Deviations of the points' noise, one of which is drawn."""
-    least_kept: float = 0.3
-    """Between this share of the points and all of them are kept, in each scan another."""
-    holes: int = 6
-    """Up to so many balls of points are taken out of each scan, as by things in front of it."""
-    curved_share: float = 0.8
-    """So many of the examples are drawn by curvature, as keypoints are; the rest evenly."""
-    turned_share: float = 0.4
-    """Seen from the back of their surfaces: without a viewpoint, any side may be up."""
 
 
 def fused(scans: Sequence[SimulatedScan]) -> list[FloatArray]:

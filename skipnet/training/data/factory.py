@@ -23,9 +23,10 @@ import torch
 from skipnet.features.grids import cylinder_grids, turned_over
 from skipnet.metrics.correspondences import TwoScans
 from skipnet.parallel.pools import worker_pool
-from skipnet.simulation.scanning.degrading import Recipe, degrade
+from skipnet.simulation.scanning.degrading import degrade
 from skipnet.simulation.scanning.figures import FARTHEST_TURN_RAD, turn_figure
 from skipnet.simulation.scanning.glimpses import EYES, glimpse
+from skipnet.simulation.scanning.recipe import Recipe
 from skipnet.simulation.scanning.views import look_around
 from skipnet.simulation.seeds import SeedRange
 from skipnet.skipmap.resolution import choose_voxel_size

@@ -18,8 +18,9 @@ from skipnet.features.cylinders import cylinder_patches, turned_over
 from skipnet.geometry import invert
 from skipnet.metrics.correspondences import TwoScans, true_correspondences
 from skipnet.parallel.pools import Each
-from skipnet.simulation.scanning.degrading import Recipe, degrade, fields_of_view, fused
+from skipnet.simulation.scanning.degrading import degrade, fields_of_view, fused
 from skipnet.simulation.scanning.pairs import simulate_scans
+from skipnet.simulation.scanning.recipe import Recipe
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, build_skipmap
 from skipnet.types import FloatArray, IntArray

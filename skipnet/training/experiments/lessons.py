@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from skipnet.metrics.correspondences import TwoScans
 from skipnet.parallel.pools import Each, mapping
-from skipnet.simulation.scanning.degrading import Recipe
 from skipnet.simulation.seeds import DESCRIPTOR_TEST, DESCRIPTOR_VALIDATION, TRAINING
 from skipnet.training.data.labelled import Samples, make_samples
 from skipnet.training.data.pairs import make_patch_pairs, make_scans
-from skipnet.training.descriptor_options import AugmentationConfig, DescriptorTrainConfig
+from skipnet.training.descriptor_options import DescriptorTrainConfig
 from skipnet.training.experiments.classes_alone import class_labelling, class_seeds
 from skipnet.training.options import TrainConfig
 from skipnet.training.tasks.classes import sample_weights
@@ -45,7 +44,7 @@ def make_sets(config: TrainConfig) -> Sets:
             options.families,
             _seeds(options, "training"),
             options.patches_per_scans,
-            scan_recipe(options.augmentation),
+            options.augmentation,
             each,
         )
         classes = _labelled(config, "training", each)
@@ -70,7 +69,7 @@ def _seeds(options: DescriptorTrainConfig, name: str) -> range:
 
 def _scans(options: DescriptorTrainConfig, name: str, each: Each) -> list[TwoScans]:
     """Pairs of scans of one set."""
-    how = scan_recipe(options.augmentation)
+    how = options.augmentation
     return make_scans(options.families, _seeds(options, name), how, each)
 
 
@@ -78,9 +77,3 @@ def _labelled(config: TrainConfig, name: str, each: Each) -> Samples:
     """Labelled patches of one set, with what is around them; of the test's none is left out."""
     sampled = class_labelling(config.data, thinned=name != "test", with_surroundings=True)
     return make_samples(config.data.families, class_seeds(config.data, name), sampled, each)
-
-
-def scan_recipe(options: AugmentationConfig) -> Recipe:
-    """How scans become examples under this configuration."""
-    values = dict(vars(options))
-    return Recipe(**{**values, "noise_voxels": tuple(options.noise_voxels)})
