@@ -204,7 +204,8 @@ def test_weights_say_how_much_a_voxel_counts():
     heavy = source.weights == 9
     score = Judge(source, evidence_of(shared_m), len(source.points_m), 0.0).score(EYE, ROUGH)
     share = 9 * heavy.sum() / (9 * heavy.sum() + (~heavy).sum())
-    assert score.overlap[0] == pytest.approx(0.5 * (share + 1))
+    assert score.support[0] == pytest.approx(0.5 * (share + 1), rel=1e-5)
+    assert score.overlap[0] == pytest.approx(0.5 * (heavy.mean() + 1), rel=1e-5)
 
 
 def test_swapping_the_scans_swaps_nothing_in_the_score(pair):

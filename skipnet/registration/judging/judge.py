@@ -85,32 +85,37 @@ class Judge:
         total *= np.exp(-MISMATCH_WEIGHT * mismatch / np.maximum(support, 1e-3))
         return Score(total, overlap, violation, support, contradiction, mismatch)
 
-    def decisiveness(self, T_best: FloatArray, T_rivals: FloatArray) -> FloatArray:
+    def decisiveness(
+        self, T_best: FloatArray, T_rivals: FloatArray, is_motion: bool = False
+    ) -> FloatArray:
         """How clearly the voxels on which a pose and each of its rivals differ speak for it.
 
         Args:
             T_best: (4, 4) the pose.
             T_rivals: (K, 4, 4) other poses.
+            is_motion: the rivals are the pose moved a little: what moves within its own surface
+                says nothing, as when a plane slides beyond where the other one was seen.
 
         Returns:
             (K,) in -1 to 1: what speaks for the pose alone less what speaks for the rival alone, as
             a share of both; few voxels say little either way.
         """
         poses = np.concatenate([T_best[None], T_rivals])
-        both = [
-            self._spoken(poses, self.source, self.target),
-            self._spoken(invert(poses), self.target, self.source),
-        ]
-        spoken = np.hstack(both)
-        apart = spoken[0] - spoken[1:]
+        there = self._apart(poses, self.source, self.target, is_motion)
+        back = self._apart(invert(poses), self.target, self.source, is_motion)
+        apart = np.hstack([there, back])
         won, lost = (np.maximum(side, 0).sum(axis=1) for side in (apart, -apart))
         return (won - lost) / (won + lost + FEW_WORTH)
 
-    def _spoken(self, T_b_a: FloatArray, a: Evidence, b: Evidence) -> FloatArray:
-        """(C, S) for or against each pose, by each of a's voxels, in flat voxels."""
+    def _apart(self, T_b_a: FloatArray, a: Evidence, b: Evidence, is_motion: bool) -> FloatArray:
+        """(C - 1, S) what each of a's voxels says for the first pose rather than each other one."""
         match, beside, free = states(T_b_a, a, b, self.samples, FINE)
         worth = a.shares(self.samples)[1] * a.weights.sum()
-        return worth * (match - MISMATCH_WEIGHT * beside - FREE_WEIGHT * b.trust * free)
+        spoken = worth * (match - MISMATCH_WEIGHT * beside - FREE_WEIGHT * b.trust * free)
+        apart: FloatArray = spoken[0] - spoken[1:]
+        if is_motion:
+            apart = apart * _facing(T_b_a, a.points_m[: len(worth)], a.normals[: len(worth)])
+        return apart
 
     def closer(self, T_target_source: FloatArray, score: Score) -> Score:
         """Score (C, 4, 4) poses anew, as strictly as the scans' noise allows."""
@@ -168,15 +173,25 @@ def distinct(
     return np.array(kept, dtype=np.int64)
 
 
+def _facing(T_b_a: FloatArray, points_m: FloatArray, normals: FloatArray) -> FloatArray:
+    """(C - 1, S) squared cosine between the motions of (S, 3) points from the first of (C, 4, 4)
+    poses to each other one and their normals: what each tells of the motion."""
+    change = T_b_a[1:] - T_b_a[0]
+    moved_m = np.einsum("cij,sj->csi", change[:, :3, :3], points_m) + change[:, None, :3, 3]
+    turned = normals @ T_b_a[0, :3, :3].T
+    along_m = np.abs(np.einsum("csi,si->cs", moved_m, turned))
+    cosine: FloatArray = along_m / np.maximum(np.linalg.norm(moved_m, axis=2), 1e-12)
+    return cosine**2
+
+
 def _one_way(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
 ) -> FloatArray:
     """(5, C) the fields of ``Score`` but the total, for a's voxels."""
     match, beside, free = states(T_b_a, a, b, samples, strictness)
     count, worth = a.shares(samples)
-    return np.stack(
-        [match @ count, free @ count, match @ worth, b.trust * (free @ worth), beside @ worth]
-    )
+    violation, contradiction = b.trust * (free @ count), b.trust * (free @ worth)
+    return np.stack([match @ count, violation, match @ worth, contradiction, beside @ worth])
 
 
 def states(

@@ -45,11 +45,12 @@ class Score:
     overlap: FloatArray
     """Mean of both ways' matched shares of the voxels, 0 to 1."""
     violation: FloatArray
-    """Mean of both ways' shares of the voxels in seen free space, 0 to 1."""
+    """Mean of both ways' shares of the voxels in seen free space, 0 to 1, by how far the viewpoints
+    are to be trusted."""
     support: FloatArray
     """As ``overlap``, voxels counted by what they are worth."""
     contradiction: FloatArray
-    """As ``violation``, likewise, by how far the viewpoints are to be trusted."""
+    """As ``violation``, likewise."""
     mismatch: FloatArray
     """Mean of both ways' shares of the worth that lies beside the other scan's surface."""
 

@@ -121,7 +121,7 @@ def moves_freely(
     closer = judge.closer(moved, score).total
     as_good = as_good[closer[as_good] > (1 - MIN_DROP) * closer[1]]
     # ... and by what tells the places apart, though it be little of all that is seen.
-    return bool((judge.decisiveness(moved[1], moved[as_good]) < MIN_DECISIVE).any())
+    return bool((judge.decisiveness(moved[1], moved[as_good], is_motion=True) < MIN_DECISIVE).any())
 
 
 def _moved(T_target_source: FloatArray, direction: FloatArray, steps_m: FloatArray) -> FloatArray:
