@@ -68,7 +68,7 @@ def _own(flags: Namespace) -> list[Path]:
 def _check_choice(group: str, value: str, folders: Sequence[Path]) -> None:
     """Refuse a preset that a config group does not have; lists and sweeps name several."""
     choices = sorted(file.stem for folder in folders for file in (folder / group).glob("*.yaml"))
-    for choice in value.strip("[]").split(","):
+    for choice in (one.strip("\"'") for one in value.strip("[]").split(",")):
         if choice not in choices:
             raise ValueError(f"no such choice: {group}={choice}; choose from {', '.join(choices)}")
 
