@@ -38,7 +38,7 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
             continue
         _check_key(key, schema, config_dir)
         if (config_dir / key).is_dir():
-            _check_choice(key, override.get_value_string(), config_dir)
+            _check_choice(key, override.get_value_string(), [config_dir, *_own(flags)])
         if override.is_delete():
             raise ValueError(
                 f"{argument}: an option cannot be removed; leave it out, or give it a value"
@@ -60,10 +60,15 @@ def _check_key(key: str, schema: type, config_dir: Path) -> None:
     raise ValueError(f"no such option: {key}; {hint}")
 
 
-def _check_choice(group: str, value: str, config_dir: Path) -> None:
+def _own(flags: Namespace) -> list[Path]:
+    """The user's folder of groups and presets, which Hydra's ``--config-dir`` names."""
+    return [Path(flags.config_dir)] if flags.config_dir else []
+
+
+def _check_choice(group: str, value: str, folders: Sequence[Path]) -> None:
     """Refuse a preset that a config group does not have; lists and sweeps name several."""
-    choices = sorted(file.stem for file in (config_dir / group).glob("*.yaml"))
-    for choice in value.strip("[]").split(","):
+    choices = sorted(file.stem for folder in folders for file in (folder / group).glob("*.yaml"))
+    for choice in (one.strip("\"'") for one in value.strip("[]").split(",")):
         if choice not in choices:
             raise ValueError(f"no such choice: {group}={choice}; choose from {', '.join(choices)}")
 

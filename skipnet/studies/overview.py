@@ -32,7 +32,7 @@ def overview(folders: Mapping[str, Path]) -> str:
             rows.append(_row(kind, _of_benchmark(folders[name])))
     if "vigilance" in folders:
         groups = _of_vigilance(folders["vigilance"])
-        rows.append(_row("simulated pairs of six kinds", groups[True]))
+        rows.append(_row(f"simulated pairs of {len(POSITIVES)} kinds", groups[True]))
         rows.append(_row("pairs of different rooms", groups[False]))
     return "\n".join([HEAD, *rows]) if rows else ""
 

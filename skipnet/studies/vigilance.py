@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skipnet.geometry import pose_error
 from skipnet.metrics.calibration import expected_calibration_error
 from skipnet.registration.pipeline import register
+from skipnet.simulation.scanning.degrading import add_passers_by
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import VIGILANCE, VIGILANCE_APART
 from skipnet.studies.options import VigilanceConfig
@@ -26,26 +27,36 @@ from skipnet.studies.study import do_all, report
 from skipnet.types import Pair
 from skipnet.viz.tables import Table
 
+
+class Setting(NamedTuple):
+    """How a scene is scanned."""
+
+    family: str
+    scanner: str = "terrestrial"
+    rotation: str = "any"
+    passers_by: int = 0
+    """Obstacles that stand in the way of each scan, other ones in each."""
+
+
 POSITIVES = {
-    "paper room": ("paper_room", "terrestrial", "yaw"),
-    "paper room, any rotation": ("paper_room", "terrestrial", "any"),
-    "rings": ("paper_room", "rings", "any"),
-    "rings, oblique rooms": ("oblique", "rings", "any"),
-    "oblique": ("oblique", "terrestrial", "any"),
-    "doorway": ("doorway", "terrestrial", "any"),
+    "paper room": Setting("paper_room", rotation="yaw"),
+    "paper room, any rotation": Setting("paper_room"),
+    "paper room, passers-by": Setting("paper_room", passers_by=6),
+    "rings": Setting("paper_room", "rings"),
+    "rings, oblique rooms": Setting("oblique", "rings"),
+    "oblique": Setting("oblique"),
+    "doorway": Setting("doorway"),
 }
-SAME_SHELL = ("paper_room", "terrestrial", "any")
+SAME_SHELL = Setting("paper_room")
 OTHERS = (
-    ("oblique", "terrestrial", "any"),
-    ("closed", "terrestrial", "any"),
-    ("curved", "terrestrial", "any"),
-    ("doorway", "terrestrial", "any"),
-    ("paper_room", "rings", "any"),
+    Setting("oblique"),
+    Setting("closed"),
+    Setting("curved"),
+    Setting("doorway"),
+    Setting("paper_room", "rings"),
+    Setting("paper_room", passers_by=6),
 )
-OPEN = {
-    "symmetric": ("symmetric", "terrestrial", "any"),
-    "corridor": ("corridor", "terrestrial", "any"),
-}
+OPEN = {"symmetric": Setting("symmetric"), "corridor": Setting("corridor")}
 STATUSES = ("registered", "ambiguous", "failed")
 
 
@@ -54,8 +65,7 @@ class Case:
     """One registration to make."""
 
     group: str
-    recipe: tuple[str, str, str]
-    """Family, scanner and rotation."""
+    setting: Setting
     source_seed: int
     target_seed: int
     """The same scene where these are equal."""
@@ -63,7 +73,8 @@ class Case:
     @property
     def name(self) -> str:
         """All that the outcome depends on."""
-        return f"{self.group}: {'/'.join(self.recipe)} {self.source_seed}-{self.target_seed}"
+        setting = "/".join(map(str, self.setting))
+        return f"{self.group}: {setting} {self.source_seed}-{self.target_seed}"
 
 
 @dataclass(frozen=True)
@@ -115,22 +126,22 @@ def cases(pairs: int, negatives: int, skip: int = 0) -> list[Case]:
     """
     seeds = VIGILANCE.take(pairs, skip)
     chosen = [
-        Case(group, recipe, seed, seed)
-        for group, recipe in (*POSITIVES.items(), *OPEN.items())
+        Case(group, setting, seed, seed)
+        for group, setting in (*POSITIVES.items(), *OPEN.items())
         for seed in seeds[: None if group in POSITIVES else max(pairs // 5, 1)]
     ]
     # A negative takes the next scene, too: that of the target.
     apart = VIGILANCE_APART.take(negatives + 1, skip)
     for index, seeds_of_two in enumerate(zip(apart, apart[1:], strict=False)):
-        recipe = SAME_SHELL if index % 2 == 0 else OTHERS[index // 2 % len(OTHERS)]
+        setting = SAME_SHELL if index % 2 == 0 else OTHERS[index // 2 % len(OTHERS)]
         group = "negatives, one shell" if index % 2 == 0 else "negatives, other rooms"
-        chosen.append(Case(group, recipe, *seeds_of_two))
+        chosen.append(Case(group, setting, *seeds_of_two))
     return chosen
 
 
 def try_case(case: Case) -> dict[str, Any]:
     """Register one case; the fields of an ``Outcome``."""
-    pair, other = (_pair(case.recipe, seed) for seed in (case.source_seed, case.target_seed))
+    pair, other = (_pair(case.setting, seed) for seed in (case.source_seed, case.target_seed))
     result = register(pair.source_m, other.target_m)
     rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
     right = (
@@ -143,9 +154,12 @@ def try_case(case: Case) -> dict[str, Any]:
     return asdict(outcome)
 
 
-def _pair(recipe: tuple[str, str, str], seed: int) -> Pair:
-    family, scanner, rotation = recipe
-    return simulate_pair(family, seed, scanner=scanner, rotation=rotation).pair
+def _pair(setting: Setting, seed: int) -> Pair:
+    family, scanner, rotation, passers_by = setting
+    pair = simulate_pair(family, seed, scanner=scanner, rotation=rotation).pair
+    rng = np.random.default_rng([seed, 4])
+    scans_m = [add_passers_by(p, passers_by, rng) for p in (pair.source_m, pair.target_m)]
+    return replace(pair, source_m=scans_m[0], target_m=scans_m[1])
 
 
 def counts_table(judged: Iterable[Judged]) -> Table:

@@ -368,19 +368,25 @@ def test_a_wrong_choice_is_one_line_and_exit_code_2(arguments, message, capsys, 
 
 def test_a_method_and_a_data_set_of_ones_own_need_no_change_here(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(MINE)
+    for group, text in MINE_YAML.items():
+        (tmp_path / group).mkdir()
+        (tmp_path / group / "mine.yaml").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
-    stay = MethodConfig("mine.make_stay", options={"shift_m": 0.5})
-    config = EvaluateConfig(
-        dataset="mine.TwoPoints", methods={"stay": stay}, worst=0, output_dir=str(tmp_path / "run")
-    )
-    summary = evaluate(config)
+    monkeypatch.chdir(tmp_path)
+    options = ["dataset=mine", "methods=[mine]", "worst=0", "output_dir=run"]
+    assert main(["--config-dir", str(tmp_path), *options]) == 0
+    summary = json.loads(Path("run", "summary.json").read_text())
     (entry,) = summary["rows"]
-    assert (entry["pairs"], entry["successes"]) == (1, 0)
+    assert (entry["label"], entry["pairs"], entry["successes"]) == ("it stays", 1, 0)
     assert entry["median"]["translation_error_mm"] == pytest.approx(500)
     assert summary["about"]["pairs from"] == "one cloud"
 
 
+MINE_YAML = {
+    "dataset": "# @package _global_\ndataset: mine.OneCloud\n",
+    "methods": "mine: {make: mine.make, label: it stays, options: {shift_m: 0.5}}\n",
+}
 MINE = """
 from dataclasses import dataclass
 import numpy as np
@@ -390,7 +396,7 @@ from skipnet.benchmark.options import EvaluateConfig, ProtocolKind
 from skipnet.types import Pair
 
 @dataclass(frozen=True)
-class TwoPoints:
+class OneCloud:
     config: EvaluateConfig
     protocol = ProtocolKind.own
 
@@ -402,12 +408,12 @@ class TwoPoints:
         return {"pairs from": "one cloud"}
 
     def key(self):
-        return ["two points", self.config.seed]
+        return ["one cloud", self.config.seed]
 
-def make_stay(shift_m=0.0):
+def make(shift_m=0.0):
     T = np.eye(4)
     T[0, 3] = shift_m
-    return lambda task: Estimate(T, {"fine": 0.0})
+    return lambda task: Estimate(T, {"fine": 0.01})
 """
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.studies import vigilance
 from skipnet.studies.accuracy import bound_m
 from skipnet.studies.vigilance import (
     OPEN,
@@ -13,6 +14,7 @@ from skipnet.studies.vigilance import (
     SAME_SHELL,
     Case,
     Outcome,
+    Setting,
     calibration_error,
     cases,
     counts_table,
@@ -25,7 +27,7 @@ def test_half_of_the_negatives_share_a_shell_and_no_scene_meets_itself():
     chosen = cases(10, 40)
     negatives = [case for case in chosen if case.group.startswith("negatives")]
     assert len(negatives) == 40 and len(chosen) == 40 + 10 * len(POSITIVES) + 2 * len(OPEN)
-    assert sum(case.recipe == SAME_SHELL for case in negatives) == 20
+    assert sum(case.setting == SAME_SHELL for case in negatives) == 20
     assert all(case.source_seed != case.target_seed for case in negatives)
     others = [case for case in chosen if case not in negatives]
     assert all(case.source_seed == case.target_seed for case in others)
@@ -57,11 +59,21 @@ def test_the_calibration_error_leaves_out_scenes_without_one_right_answer():
 
 
 def test_one_room_is_registered_and_two_rooms_are_not():
-    recipe = ("oblique", "terrestrial", "yaw")
-    same = try_case(Case("same", recipe, 3, 3))
+    setting = Setting("oblique", rotation="yaw")
+    same = try_case(Case("same", setting, 3, 3))
     assert same["right"] and same["status"] == "registered"
-    different = try_case(Case("negatives", recipe, 3, 4))
+    different = try_case(Case("negatives", setting, 3, 4))
     assert not different["right"] and different["status"] != "registered"
+
+
+def test_passers_by_stand_in_the_way_of_both_scans():
+    still, busy = (vigilance._pair(Setting("closed", passers_by=n), 3) for n in (0, 4))
+    for name in ("source_m", "target_m"):
+        one_m, other_m = getattr(still, name), getattr(busy, name)
+        assert one_m.shape == other_m.shape and 0.001 < (one_m != other_m).mean() < 0.5
+    np.testing.assert_array_equal(
+        still.source_m, simulate_pair("closed", 3, rotation="any").pair.source_m
+    )
 
 
 def test_the_bound_grows_with_the_noise_and_shrinks_with_the_root_of_the_points():
