@@ -23,6 +23,7 @@ from skipnet.results.inputs import Given, check_not_overwritten, read_given, rea
 from skipnet.results.pair import pair_page, result_json
 from skipnet.results.plan import plan_of
 from skipnet.results.project import poses_json, scans_page
+from skipnet.results.views import pair_viewer, placed_viewer
 from skipnet.scans.scan import Viewpoint
 from skipnet.skipmap.tree import points_of
 from skipnet.storage import write_bytes, write_text
@@ -124,9 +125,9 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
         progress=_tell,
     )
     labels = [scan.cloud.name for scan in scans]
-    png = _write_groups(scans, result, output_dir, names, choices)
-    plan = _plan(scans, result)
-    write_text(output_dir / "report.html", scans_page(result, labels, png, plan, choices.seed))
+    view, png = _write_groups(scans, result, output_dir, names, choices)
+    page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
+    write_text(output_dir / "report.html", page)
     write_text(output_dir / "poses.json", poses_json(result, labels, choices.seed))
     _announce(result.outcome, result.reason, scans, output_dir)
     return result
@@ -176,7 +177,9 @@ def _write_pair(
     facts = {name: scan.facts for name, scan in given.items()}
     write_aligned(source, target, result.T_target_source, output_dir, names)
     write_bytes(output_dir / "before_after.png", png)
-    write_text(output_dir / "report.html", pair_page(result, described, png, seed))
+    view, residuals_m = pair_viewer(source, target, result)
+    page = pair_page(result, described, view, residuals_m, png, seed)
+    write_text(output_dir / "report.html", page)
     write_text(output_dir / "result.json", result_json(result, inputs, facts, seed))
     outcome = f"{result.status} (confidence {result.confidence:.2f})"
     _announce(outcome, result.reason, [source, target], output_dir)
@@ -188,8 +191,12 @@ def _write_groups(
     output_dir: Path,
     names: Sequence[str],
     choices: Choices,
-) -> bytes:
-    """Write a merged cloud of each group, and a picture of the largest one; return that."""
+) -> tuple[str, bytes]:
+    """Write a merged cloud of each group and a picture of the largest.
+
+    Returns:
+        The largest group in 3-D, as HTML, and its picture.
+    """
     from matplotlib.colors import to_rgb
 
     from skipnet.viz.colours import scan_colour
@@ -204,9 +211,10 @@ def _write_groups(
         write_merged(placed, tints, choices.colour_by_scan, output_dir, own)
         if number == 0:
             labels = [f"{scan}: {Path(scans[scan].cloud.name).name}" for scan in group]
+            view = placed_viewer(placed, labels)
             png = png_bytes(draw_scans([cloud.points_m for cloud in placed], labels))
     write_bytes(output_dir / "scans.png", png)
-    return png
+    return view, png
 
 
 def _numbered(name: str, group: int) -> str:
