@@ -82,10 +82,10 @@ def test_an_e57_of_two_scans_is_registered_and_merged_with_its_poses(tmp_path, p
     write_scans(tmp_path / "site.e57", scans)
     choices = files.Choices()
     result = files.register_scan_files([tmp_path / "site.e57"], tmp_path / "out", choices)
-    assert result.status == "registered"
+    assert result.outcome == "registered" and result.groups == [[0, 1]]
     merged = read_scans(tmp_path / "out" / "merged.e57")
     assert [len(scan) for scan in merged] == [len(scan) for scan in scans]
-    for scan, before, T in zip(merged, scans, result.T_first_scan, strict=True):
+    for scan, before, T in zip(merged, scans, result.T_group_scan, strict=True):
         np.testing.assert_allclose(
             scan.points_m, transform_points(T, before.points_m), atol=1e-4, rtol=0
         )
