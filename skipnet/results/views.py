@@ -10,7 +10,7 @@ import numpy as np
 from skipnet.clouds.cloud import Cloud
 from skipnet.geometry import transform_points
 from skipnet.registration.result import Registration
-from skipnet.results.inputs import Given
+from skipnet.results.inputs import LARGEST_SCENE_M, Given
 from skipnet.skipmap.tree import points_of
 from skipnet.types import FloatArray, Status
 from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR, scan_colour
@@ -19,8 +19,6 @@ from skipnet.viz.viewer import ViewedPose, ViewedScan, viewer
 _MOST_MEASURED = 200_000
 _FAR_EXTENTS = 5.0
 """Scans farther apart than so many of their extents are shown moved together."""
-_LARGEST_SCENE_M = 2000.0
-"""Farther than scanners see: such coordinates are hardly metres."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ def advice(result: Registration) -> list[str]:
     tips = []
     extents_m = [scan.extent_m.max() for scan in (result.source, result.target)
                  if scan.extent_m is not None]  # fmt: skip
-    if extents_m and max(extents_m) > _LARGEST_SCENE_M:
+    if extents_m and max(extents_m) > LARGEST_SCENE_M:
         tips.append(
             f"The scans extend over {max(extents_m):,.0f} m. If their coordinates are millimetres, "
             "say so: unit=mm."

@@ -105,7 +105,7 @@ def viewer(
         [
             _STYLE,
             '<div class="viewer">',
-            _choices("pose", "shown", [pose.label for pose in poses], start),
+            _choices("pose", "shown", [pose.label for pose in poses], start) if poses[1:] else "",
             '<canvas tabindex="0" aria-label="scans in 3-D"></canvas>',
             '<p class="said"></p>',
             _switches(scans),
@@ -113,13 +113,16 @@ def viewer(
             f"<fieldset>{_slider('dot', 'dots', 0.3, 4, 1)}"
             f"{_slider('cut', 'hidden above', 0, 1, cut)}</fieldset>",
             "<small>Drag to turn, wheel or pinch to zoom, shift or two fingers to move, click two "
-            f"points to measure. Residuals: dark blue 0, yellow {1000 * brightest_m:.3g} mm and "
-            "more.</small>",
+            f"points to measure.{_scale(brightest_m) if 2 in modes else ''}</small>",
             f'<script type="application/json" class="scans">{_json(content)}</script>',
             f"<script>{files('skipnet.viz').joinpath('viewer.js').read_text('utf-8')}</script>",
             "</div>",
         ]
     )
+
+
+def _scale(brightest_m: float) -> str:
+    return f" Residuals: dark blue 0, yellow {1000 * brightest_m:.3g} mm and more."
 
 
 def _some_rows(points_m: FloatArray, most: int) -> IntArray:

@@ -12,7 +12,7 @@ from skipnet.clouds.formats.reading import read_cloud, read_scans
 from skipnet.clouds.formats.writing import write_cloud, write_scans
 from skipnet.geometry import make_transform, transform_points
 from skipnet.results import files
-from skipnet.results.inputs import find_scans
+from skipnet.results.inputs import find_scans, read_given
 from skipnet.results.views import words_of
 from skipnet.simulation.scanning.pairs import simulate_pair
 
@@ -92,6 +92,13 @@ def test_an_e57_of_two_scans_is_registered_and_merged_with_its_poses(tmp_path, p
         np.testing.assert_array_equal(scan.colour, before.colour)
         np.testing.assert_allclose(scan.viewpoint_m, before.moved(T).viewpoint_m, atol=1e-6)
     assert "In 3-D" in page_of(tmp_path / "out")
+
+
+def test_coordinates_that_are_hardly_metres_are_noticed(tmp_path):
+    points = np.random.default_rng(0).uniform(0, 8000, (100, 3))
+    write_cloud(tmp_path / "a.ply", points)
+    assert "say unit=mm" in read_given(tmp_path / "a.ply").cloud.notes[0]
+    assert read_given(tmp_path / "a.ply", unit="mm").cloud.notes == ()
 
 
 def test_scans_are_found_by_file_pattern_and_folder(tmp_path, monkeypatch):
