@@ -94,11 +94,13 @@ def test_a_turned_pose_of_an_e57_is_applied(tmp_path):
     turn = np.sqrt(0.5) * np.array([1.0, 0, 0, 1])  # a quarter about z
     file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
     columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), local_m.T.copy(), strict=True))
+    columns |= {"rowIndex": np.arange(3, dtype=np.uint16), "columnIndex": np.zeros(3, np.uint16)}
     file.write_scan_raw(columns, rotation=turn, translation=np.array([10.0, 20, 0]))
     file.close()
     [scan] = read_scans(tmp_path / "a.e57")
     np.testing.assert_allclose(scan.points_m, [[10, 21, 0], [8, 20, 0], [10, 20, 3]], atol=1e-12)
     assert scan.viewpoint_m.tolist() == [10, 20, 0]
+    assert scan.columns["rowIndex"].tolist() == [0, 1, 2]
 
 
 def test_a_ptx_of_two_scans(tmp_path):
