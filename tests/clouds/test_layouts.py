@@ -158,6 +158,13 @@ def test_pcd_of_4_and_8_bytes(tmp_path, kind):
         assert cloud.viewpoint_m.tolist() == [1, 1, 1]
 
 
+def test_ascii_pcd_keeps_all_digits_of_its_text(tmp_path):
+    (tmp_path / "a.pcd").write_bytes(
+        pcd("F F F", "4 4 4", "ascii", b"4512345.678 5401234.567 1\n0 0 0\n")
+    )
+    assert skipnet.read_points(tmp_path / "a.pcd")[0].tolist() == [4512345.678, 5401234.567, 1]
+
+
 @pytest.mark.parametrize("kind", ["F", "U"])
 def test_packed_colours_of_a_pcd(tmp_path, kind):
     body = b"".join(struct.pack("<3fI", *row, 0x00FF8001) for row in POINTS)

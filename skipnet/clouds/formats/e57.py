@@ -38,7 +38,7 @@ _KINDS = {
     **dict.fromkeys(
         (*_CARTESIAN, *_SPHERICAL, *_COLOURS, *_NORMALS, "intensity", "timeStamp"), np.float64
     ),
-    **dict.fromkeys(("rowIndex", "columnIndex", "returnIndex", "returnCount"), np.int64),
+    **dict.fromkeys(("rowIndex", "columnIndex", "returnIndex", "returnCount"), np.longlong),
     **dict.fromkeys(("cartesianInvalidState", "sphericalInvalidState"), np.int8),
 }
 _HIDDEN = {*_CARTESIAN, *_SPHERICAL, *_COLOURS, *_NORMALS, "intensity"}
