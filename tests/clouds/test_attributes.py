@@ -140,6 +140,38 @@ def test_a_unit_is_converted_and_written_again(tmp_path, unit):
     np.testing.assert_allclose(named.points_m, points * metres, atol=1e-5)
 
 
+def las_with_wkt(path, wkt, points):
+    laspy = pytest.importorskip("laspy")
+    las = laspy.create(point_format=6, file_version="1.4")
+    las.header.scales = [1e-6] * 3
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
+    las.x, las.y, las.z = np.transpose(points)
+    las.write(path)
+    return path
+
+
+def test_feet_of_a_las_are_converted_and_written_again(tmp_path):
+    wkt = 'PROJCS["a",GEOGCS["b",UNIT["degree",0.0174532925199433]],UNIT["US survey foot",{}]]'
+    points = [[10.0, 20, 30], [40, 50, 60], [1, 2, 4]]
+    for factor, unit in ((0.3048006096012192, "us_ft"), (0.3048, "ft"), (1, "m")):
+        path = las_with_wkt(tmp_path / "a.las", wkt.format(factor), points)
+        cloud = skipnet.read_cloud(path)
+        assert cloud.unit == unit
+        np.testing.assert_allclose(cloud.points_m, np.multiply(points, factor), atol=1e-6)
+        skipnet.write_cloud(tmp_path / "b.laz", cloud)
+        again = pytest.importorskip("laspy").read(tmp_path / "b.laz")
+        np.testing.assert_allclose(again.xyz, points, atol=2e-4)
+
+
+def test_degrees_are_refused_unless_they_cannot_be_such(tmp_path):
+    wkt = 'GEOGCS["WGS 84",UNIT["degree",0.0174532925199433]]'
+    site = [[8.4, 49.0, 100], [8.401, 49.001, 130], [8.402, 49, 140]]
+    with pytest.raises(ValueError, match="degrees of longitude"):
+        skipnet.read_cloud(las_with_wkt(tmp_path / "a.las", wkt, site))
+    room = [[0.0, 0, 0], [5, 4, 3], [5, 0, 0]]
+    assert skipnet.read_points(las_with_wkt(tmp_path / "b.las", wkt, room)).tolist() == room
+
+
 def test_viewpoints_far_from_everything_are_not_believed(tmp_path):
     points = np.random.default_rng(0).normal(size=(50, 3))
     skipnet.write_cloud(tmp_path / "a.pcd", Cloud(points, viewpoint_m=np.array([5e5, 0, 0])))
