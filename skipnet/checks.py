@@ -8,7 +8,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-METRES_PER_UNIT = {"m": 1.0, "mm": 0.001, "cm": 0.01, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
+METRES_PER_UNIT = {
+    **{"m": 1.0, "mm": 0.001, "cm": 0.01, "km": 1000.0},
+    **{"ft": 0.3048, "in": 0.0254, "us_ft": 1200 / 3937},
+}
 """The units of length that files may be in."""
 
 

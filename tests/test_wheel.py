@@ -21,7 +21,7 @@ from skipnet.simulation.scanning.pairs import simulate_pair
 
 ROOT = Path(__file__).parents[1]
 DATA = ["py.typed", "networks/weights/descriptor.npz", "networks/weights/descriptor.json"]
-DATA += ["registration/confidence.json"]
+DATA += ["registration/confidence.json", "viz/viewer.js"]
 DATA += [f"configs/{path.relative_to(ROOT / 'configs')}" for path in ROOT.glob("configs/**/*.yaml")]
 TRAINING = ["experiment=classes", "data.families=[closed]", "data.workers=1", "epochs=1"]
 TRAINING += ["data.training_scenes=1", "data.validation_scenes=1", "data.test_scenes=1"]

@@ -30,7 +30,7 @@ class RegisterConfig:
     """Scans to bring into the frame of the first, instead of source and target: two or more files,
     a folder, a pattern such as scans/*.ply, or one E57 or PTX file that holds several."""
     unit: str = "auto"
-    """Of the coordinates: m, cm, mm, km, ft, in; auto takes what the file says, else metres."""
+    """Of the coordinates: m, cm, mm, km, ft, us_ft, in; auto: what the file says, else metres."""
     format: str = "auto"
     """Of aligned and merged clouds, beside PLY: pcd, las, laz, e57, xyz, csv; auto: the inputs'."""
     colour_by_scan: bool = False

@@ -19,10 +19,12 @@ from skipnet.geometry import pose_error
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.result import Registration
 from skipnet.results.clouds import output_names, write_aligned, write_merged
+from skipnet.results.folder import new_results
 from skipnet.results.inputs import Given, check_not_overwritten, read_given, read_given_scans
 from skipnet.results.pair import pair_page, result_json
 from skipnet.results.plan import plan_of
 from skipnet.results.project import poses_json, scans_page
+from skipnet.results.views import pair_viewer, placed_viewer
 from skipnet.scans.scan import Viewpoint
 from skipnet.skipmap.tree import points_of
 from skipnet.storage import write_bytes, write_text
@@ -75,7 +77,11 @@ def register_pair_files(
     names = output_names("aligned", [source], choices.format)
     check_not_overwritten([source, target], output_dir, [*PAIR_OUTPUTS, *names])
     given = [read_given(path, choices.unit) for path in (source, target)]
-    return _register(given[0], given[1], output_dir, names, choices)
+    with new_results(output_dir) as folder:
+        result = _register(given[0], given[1], choices)
+        _write_pair(given[0], given[1], result, folder, names, choices.seed)
+    _announce(_outcome(result), result.reason, given, output_dir)
+    return result
 
 
 def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
@@ -90,10 +96,14 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     given = []
     for name, points_m in (("source", pair.source_m), ("target", pair.target_m)):
         path = output_dir / f"simulated_{name}.ply"
-        write_cloud(path, points_m)
         given.append(Given(path, points_m, Cloud(points_m, name=str(path))))
     names = output_names("aligned", [given[0].path], choices.format)
-    result = _register(given[0], given[1], output_dir, names, choices)
+    with new_results(output_dir) as folder:
+        for scan in given:
+            write_cloud(folder / scan.path.name, scan.cloud)
+        result = _register(given[0], given[1], choices)
+        _write_pair(given[0], given[1], result, folder, names, choices.seed)
+    _announce(_outcome(result), result.reason, given, output_dir)
     print(_compare_with_truth(result, pair))
     return result
 
@@ -124,10 +134,11 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
         progress=_tell,
     )
     labels = [scan.cloud.name for scan in scans]
-    png = _write_groups(scans, result, output_dir, names, choices)
-    plan = _plan(scans, result)
-    write_text(output_dir / "report.html", scans_page(result, labels, png, plan, choices.seed))
-    write_text(output_dir / "poses.json", poses_json(result, labels, choices.seed))
+    with new_results(output_dir) as folder:
+        view, png = _write_groups(scans, result, folder, names, choices)
+        page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
+        write_text(folder / "report.html", page)
+        write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
     _announce(result.outcome, result.reason, scans, output_dir)
     return result
 
@@ -138,13 +149,10 @@ def _tell(stage: str, done: int, of: int) -> None:
         print(f"{stage}: {done} of {of}", flush=True)
 
 
-def _register(
-    source: Given, target: Given, output_dir: Path, names: Sequence[str], choices: Choices
-) -> Registration:
-    """Register two scans and write all results of a pair."""
+def _register(source: Given, target: Given, choices: Choices) -> Registration:
     from skipnet.registration.pipeline import register
 
-    result = register(
+    return register(
         source.points_m,
         target.points_m,
         source_viewpoint=source.viewpoint(choices.source_viewpoint),
@@ -153,18 +161,17 @@ def _register(
         seed=choices.seed,
         config=choices.registration,
     )
-    _write_pair(source, target, result, output_dir, names, choices.seed)
-    return result
 
 
 def _write_pair(
     source: Given,
     target: Given,
     result: Registration,
-    output_dir: Path,
+    folder: Path,
     names: Sequence[str],
     seed: int,
 ) -> None:
+    """Write all results of a pair into a folder."""
     from skipnet.viz.pictures import draw_before_after
     from skipnet.viz.views import png_bytes
 
@@ -174,12 +181,16 @@ def _write_pair(
     described = {name: scan.description for name, scan in given.items()}
     inputs = {name: str(scan.path) for name, scan in given.items()}
     facts = {name: scan.facts for name, scan in given.items()}
-    write_aligned(source, target, result.T_target_source, output_dir, names)
-    write_bytes(output_dir / "before_after.png", png)
-    write_text(output_dir / "report.html", pair_page(result, described, png, seed))
-    write_text(output_dir / "result.json", result_json(result, inputs, facts, seed))
-    outcome = f"{result.status} (confidence {result.confidence:.2f})"
-    _announce(outcome, result.reason, [source, target], output_dir)
+    write_aligned(source, target, result.T_target_source, folder, names)
+    write_bytes(folder / "before_after.png", png)
+    view, residuals_m = pair_viewer(source, target, result)
+    page = pair_page(result, described, view, residuals_m, png, seed)
+    write_text(folder / "report.html", page)
+    write_text(folder / "result.json", result_json(result, inputs, facts, seed))
+
+
+def _outcome(result: Registration) -> str:
+    return f"{result.status} (confidence {result.confidence:.2f})"
 
 
 def _write_groups(
@@ -188,8 +199,12 @@ def _write_groups(
     output_dir: Path,
     names: Sequence[str],
     choices: Choices,
-) -> bytes:
-    """Write a merged cloud of each group, and a picture of the largest one; return that."""
+) -> tuple[str, bytes]:
+    """Write a merged cloud of each group and a picture of the largest.
+
+    Returns:
+        The largest group in 3-D, as HTML, and its picture.
+    """
     from matplotlib.colors import to_rgb
 
     from skipnet.viz.colours import scan_colour
@@ -204,9 +219,10 @@ def _write_groups(
         write_merged(placed, tints, choices.colour_by_scan, output_dir, own)
         if number == 0:
             labels = [f"{scan}: {Path(scans[scan].cloud.name).name}" for scan in group]
+            view = placed_viewer(placed, labels)
             png = png_bytes(draw_scans([cloud.points_m for cloud in placed], labels))
     write_bytes(output_dir / "scans.png", png)
-    return png
+    return view, png
 
 
 def _numbered(name: str, group: int) -> str:

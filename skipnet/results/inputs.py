@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.reading import SUPPORTED, read_chunks, read_cloud, read_scans
@@ -14,6 +16,11 @@ from skipnet.skipmap.tree import Points, SkipTree
 
 LARGE_FILE_BYTES = 1 << 28
 """Larger files are thinned while they are read, and are never in memory as a whole."""
+
+_IN_FOLDERS = [extension for extension in SUPPORTED if extension not in (".txt", ".png")]
+"""What a folder's scans are called; its texts and pictures are more often something else."""
+LARGEST_SCENE_M = 2000.0
+"""Farther than scanners see: such coordinates are hardly metres."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,7 @@ def read_given(path: Path, unit: str = "auto") -> Given:
         first = next(read_chunks(path, unit)).finite()
         chunks = (piece.finite().points_m for piece in read_chunks(path, unit))
         return Given(path, checked(thin_chunks(chunks, str(path)), str(path)), first, unit)
-    cloud = read_cloud(path, unit)
+    cloud = _wondering(read_cloud(path, unit), unit)
     return Given(path, checked(cloud.points_m, str(path)), cloud, unit)
 
 
@@ -95,11 +102,20 @@ def read_given_scans(paths: Sequence[Path], unit: str = "auto") -> list[Given]:
         if _is_large(path):
             given.append(read_given(path, unit))
             continue
-        scans = read_scans(path, unit)
+        scans = [_wondering(scan, unit) for scan in read_scans(path, unit)]
         given += [Given(path, checked(scan.points_m, scan.name), scan, unit) for scan in scans]
     if len(given) < 2:
         raise ValueError(f"{paths[0]}: holds one scan: expected two or more, or several files")
     return given
+
+
+def _wondering(cloud: Cloud, unit: str) -> Cloud:
+    """The cloud, with a note if its coordinates are hardly metres and nobody said that they are."""
+    extent_m = float(np.ptp(cloud.points_m, axis=0).max())
+    if unit != "auto" or cloud.unit != "m" or extent_m <= LARGEST_SCENE_M:
+        return cloud
+    note = f"extends over {extent_m:,.0f} m: if these are millimetres, say unit=mm"
+    return replace(cloud, notes=(*cloud.notes, note))
 
 
 def find_scans(names: Sequence[str]) -> list[Path]:
@@ -113,7 +129,9 @@ def find_scans(names: Sequence[str]) -> list[Path]:
         path = Path(name)
         if path.is_dir():
             inside = sorted(path.iterdir())
-            here = [file for file in inside if file.suffix.lower() in SUPPORTED and file.is_file()]
+            here = [
+                file for file in inside if file.suffix.lower() in _IN_FOLDERS and file.is_file()
+            ]
         elif path.exists():
             here = [path]
         else:

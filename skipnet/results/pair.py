@@ -11,7 +11,9 @@ import numpy as np
 
 from skipnet.provenance import versions
 from skipnet.registration.result import Registration
+from skipnet.results.views import advice, words_of
 from skipnet.storage import plain
+from skipnet.types import FloatArray
 from skipnet.viz import html
 
 _LONGEST_DETAIL = 200
@@ -41,26 +43,45 @@ def result_json(
     return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
-def pair_page(result: Registration, inputs: Mapping[str, str], png: bytes, seed: int) -> str:
+def pair_page(
+    result: Registration,
+    inputs: Mapping[str, str],
+    view: str,
+    residuals_m: FloatArray,
+    png: bytes,
+    seed: int,
+) -> str:
     """``report.html`` of a pair.
 
     Args:
         result: of the registration.
         inputs: "source" and "target" with their descriptions.
+        view: the HTML of both scans in 3-D.
+        residuals_m: (N,) distances of the source's points from the target.
         png: the picture before and after.
         seed: of the run.
     """
+    words = words_of(result)
+    tips = advice(result)
     seconds = [(stage, f"{time_s:.3f}") for stage, time_s in result.timings_s.items()]
     seconds.append(("total", f"{sum(result.timings_s.values()):.3f}"))
     details = [(name, _brief(value)) for name, value in result.details.items()]
     return html.page(
         "Registration of two scans",
         html.status_banner(result.status, result.reason, result.confidence),
-        html.picture(
-            png, "Both scans in the target's frame, as they came and with the motion found."
+        html.section("What to try", html.bullets(tips)) if tips else "",
+        html.section("In 3-D", view),
+        html.section(
+            "Residuals",
+            html.paragraph(_residuals(residuals_m, result.voxel_size_m)),
+            html.histogram(1000 * residuals_m, 1000 * result.voxel_size_m, "mm"),
         ),
         html.section(
-            "The motion found",
+            "From above and from the side",
+            html.picture(png, f"Both scans in the target's frame. After: {words.note}"),
+        ),
+        html.section(
+            words.heading,
             html.paragraph("p_target = T_target_source p_source, in metres, after fine alignment:"),
             html.matrix(result.T_target_source),
             html.paragraph(_uncertainty(result)),
@@ -84,6 +105,19 @@ def registration_fields(result: Registration) -> dict[str, Any]:
         "timings_s": result.timings_s,
         "details": result.details,
     }
+
+
+def _residuals(residuals_m: FloatArray, voxel_size_m: float) -> str:
+    """The residuals in words."""
+    near_m = residuals_m[residuals_m < voxel_size_m]
+    share = len(near_m) / max(len(residuals_m), 1)
+    text = (
+        "How far the source's points lie from the nearest point of the target in the pose above. "
+        f"{share:.0%} lie within one voxel ({1000 * voxel_size_m:.3g} mm)"
+    )
+    return (
+        f"{text}, half of these within {1000 * np.median(near_m):.3g} mm." if share else text + "."
+    )
 
 
 def _uncertainty(result: Registration) -> str:

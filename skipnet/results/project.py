@@ -40,19 +40,23 @@ def poses_json(result: Assembly, names: Sequence[str], seed: int) -> str:
     return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
-def scans_page(result: Assembly, names: Sequence[str], png: bytes, plan: bytes, seed: int) -> str:
+def scans_page(
+    result: Assembly, names: Sequence[str], view: str, png: bytes, plan: bytes, seed: int
+) -> str:
     """``report.html`` of many scans: where each stands, what is in doubt, what every pair said.
 
     Args:
         result: of the registration.
         names: of the scans.
-        png: picture of the scans of the largest group.
+        view: the scans of the largest group in 3-D, as HTML.
+        png: picture of the same.
         plan: picture of the scans' places from above, with the links between them.
         seed: of the run.
     """
     return html.page(
         f"Registration of {len(names)} scans",
         html.status_banner(result.outcome, result.reason),
+        html.section("In 3-D", view),
         html.picture(png, "The scans of the largest group, in the frame of its first."),
         html.picture(
             plan,

@@ -42,6 +42,7 @@ th:first-child { min-width: 13rem; }
 td.number, th.number { text-align: right; }
 td.number { white-space: nowrap; }
 summary { font-size: 1.15rem; font-weight: 600; margin: 1.2rem 0 .4rem; cursor: pointer; }
+.histogram { width: 100%; max-width: 40rem; }
 figure { margin: 1rem 0; }
 figure img { max-width: 100%; }
 figcaption { color: #555; font-size: .9rem; }
@@ -127,6 +128,30 @@ def matrix(T_a_b: FloatArray) -> str:
     """A (4, 4) transform in a form that can be copied."""
     return preformatted(
         np.array2string(np.asarray(T_a_b), precision=9, suppress_small=True, floatmode="fixed")
+    )
+
+
+def bullets(lines: Sequence[str]) -> str:
+    """A list of sentences."""
+    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+
+
+def histogram(values: FloatArray, most: float, unit: str, bins: int = 60) -> str:
+    """How often values from 0 to ``most`` occur, as a drawing; the last bar holds all above."""
+    counts, _ = np.histogram(np.minimum(values, most), bins, (0, most))
+    highest = max(int(counts.max()), 1)
+    bars = "".join(
+        f'<rect x="{10 * number}" y="{100 - 100 * count / highest:.2f}" width="9" '
+        f'height="{100 * count / highest:.2f}"/>'
+        for number, count in enumerate(counts)
+    )
+    ends = (
+        f'<text x="0" y="114">0</text><text x="{10 * bins}" y="114" text-anchor="end">'
+        f"{most:.3g} {escape(unit)} and more</text>"
+    )
+    return (
+        f'<svg class="histogram" viewBox="0 0 {10 * bins} 118" role="img" '
+        f'aria-label="histogram"><g fill="#0072b2">{bars}</g><g font-size="11">{ends}</g></svg>'
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,15 +62,20 @@ def thin(points_m: FloatArray, most: int = _MOST_DOTS) -> FloatArray:
     Otherwise the dense part of a scan, near the sensor, would hide the rest.
     """
     points_m = np.asarray(points_m)
+    return points_m[thin_rows(points_m, most)]
+
+
+def thin_rows(points_m: FloatArray, most: int, cells: int = _THINNING_CELLS) -> IntArray:
+    """Rows of at most ``most`` points, one at most in each cell of which ``cells`` span them."""
     low_m, high_m = robust_bounds_m(points_m)
-    cell_m = max(float((high_m - low_m).max()), 1e-9) / _THINNING_CELLS
-    farthest = 10 * _THINNING_CELLS
+    cell_m = max(float((high_m - low_m).max()), 1e-9) / cells
+    farthest = 10 * cells
     x, y, z = np.clip((points_m - low_m) / cell_m, -farthest, farthest).astype(np.int64).T
     width = 2 * farthest + 1
     _, first = np.unique((x * width + y) * width + z, return_index=True)
     if len(first) > most:
         first = np.random.default_rng(0).choice(first, most, replace=False)
-    return points_m[first]
+    return first
 
 
 def robust_bounds_m(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -94,11 +94,13 @@ def test_a_turned_pose_of_an_e57_is_applied(tmp_path):
     turn = np.sqrt(0.5) * np.array([1.0, 0, 0, 1])  # a quarter about z
     file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
     columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), local_m.T.copy(), strict=True))
+    columns |= {"rowIndex": np.arange(3, dtype=np.uint16), "columnIndex": np.zeros(3, np.uint16)}
     file.write_scan_raw(columns, rotation=turn, translation=np.array([10.0, 20, 0]))
     file.close()
     [scan] = read_scans(tmp_path / "a.e57")
     np.testing.assert_allclose(scan.points_m, [[10, 21, 0], [8, 20, 0], [10, 20, 3]], atol=1e-12)
     assert scan.viewpoint_m.tolist() == [10, 20, 0]
+    assert scan.columns["rowIndex"].tolist() == [0, 1, 2]
 
 
 def test_a_ptx_of_two_scans(tmp_path):
@@ -136,6 +138,38 @@ def test_a_unit_is_converted_and_written_again(tmp_path, unit):
     named = skipnet.read_cloud(tmp_path / "b.csv")
     assert named.unit == unit
     np.testing.assert_allclose(named.points_m, points * metres, atol=1e-5)
+
+
+def las_with_wkt(path, wkt, points):
+    laspy = pytest.importorskip("laspy")
+    las = laspy.create(point_format=6, file_version="1.4")
+    las.header.scales = [1e-6] * 3
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
+    las.x, las.y, las.z = np.transpose(points)
+    las.write(path)
+    return path
+
+
+def test_feet_of_a_las_are_converted_and_written_again(tmp_path):
+    wkt = 'PROJCS["a",GEOGCS["b",UNIT["degree",0.0174532925199433]],UNIT["US survey foot",{}]]'
+    points = [[10.0, 20, 30], [40, 50, 60], [1, 2, 4]]
+    for factor, unit in ((0.3048006096012192, "us_ft"), (0.3048, "ft"), (1, "m")):
+        path = las_with_wkt(tmp_path / "a.las", wkt.format(factor), points)
+        cloud = skipnet.read_cloud(path)
+        assert cloud.unit == unit
+        np.testing.assert_allclose(cloud.points_m, np.multiply(points, factor), atol=1e-6)
+        skipnet.write_cloud(tmp_path / "b.laz", cloud)
+        again = pytest.importorskip("laspy").read(tmp_path / "b.laz")
+        np.testing.assert_allclose(again.xyz, points, atol=2e-4)
+
+
+def test_degrees_are_refused_unless_they_cannot_be_such(tmp_path):
+    wkt = 'GEOGCS["WGS 84",UNIT["degree",0.0174532925199433]]'
+    site = [[8.4, 49.0, 100], [8.401, 49.001, 130], [8.402, 49, 140]]
+    with pytest.raises(ValueError, match="degrees of longitude"):
+        skipnet.read_cloud(las_with_wkt(tmp_path / "a.las", wkt, site))
+    room = [[0.0, 0, 0], [5, 4, 3], [5, 0, 0]]
+    assert skipnet.read_points(las_with_wkt(tmp_path / "b.las", wkt, room)).tolist() == room
 
 
 def test_viewpoints_far_from_everything_are_not_believed(tmp_path):

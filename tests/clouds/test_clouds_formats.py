@@ -157,7 +157,8 @@ def test_rows_without_a_return_in_a_pcd_are_dropped_and_reported(tmp_path, point
 PLY = b"ply\nformat ascii 1.0\n"
 BROKEN = {
     "empty.ply": (b"", "is empty"),
-    "noise.ply": (b"\x89PNG\r\n\x1a\n" + bytes(100), "not a PLY"),
+    "noise.ply": (b"\x89ONG\r\n\x1a\n" + bytes(100), "not a PLY"),
+    "picture.ply": (b"\x89PNG\r\n\x1a\n" + bytes(100), "no depth image"),
     "header.ply": (PLY + b"element vertex 3\n", "header never ends"),
     "format.ply": (
         b"ply\nformat ascii_art 1.0\nelement vertex 1\nend_header\n1 2 3\n",
@@ -244,8 +245,8 @@ def test_a_missing_package_is_named_with_its_pip_command(tmp_path, monkeypatch):
 
 def test_the_supported_extensions_are_those_of_the_readers():
     assert set(SUPPORTED) == set(formats._READERS)
-    assert {".ply", ".pcd", ".xyz", ".txt", ".csv", ".asc", ".pts", ".ptx", ".npy", ".npz", ".las",
-            ".laz", ".e57", ".bin", ".obj", ".stl", ".glb", ".off"} == set(SUPPORTED)  # fmt: skip
+    expected = "ply pcd xyz txt csv asc pts ptx npy npz las laz e57 bin obj stl glb off png"
+    assert {f".{name}" for name in expected.split()} == set(SUPPORTED)
 
 
 def test_a_failed_write_leaves_the_old_file_alone(tmp_path):

@@ -158,6 +158,13 @@ def test_pcd_of_4_and_8_bytes(tmp_path, kind):
         assert cloud.viewpoint_m.tolist() == [1, 1, 1]
 
 
+def test_ascii_pcd_keeps_all_digits_of_its_text(tmp_path):
+    (tmp_path / "a.pcd").write_bytes(
+        pcd("F F F", "4 4 4", "ascii", b"4512345.678 5401234.567 1\n0 0 0\n")
+    )
+    assert skipnet.read_points(tmp_path / "a.pcd")[0].tolist() == [4512345.678, 5401234.567, 1]
+
+
 @pytest.mark.parametrize("kind", ["F", "U"])
 def test_packed_colours_of_a_pcd(tmp_path, kind):
     body = b"".join(struct.pack("<3fI", *row, 0x00FF8001) for row in POINTS)
@@ -190,6 +197,32 @@ def test_kitti(tmp_path):
     (tmp_path / "b.bin").write_bytes(b"\xff" * 160)
     with pytest.raises(ValueError, match="not KITTI's layout"):
         skipnet.read_points(tmp_path / "b.bin")
+
+
+@pytest.mark.parametrize("kind", ["fx", "open3d", "text", "none"])
+def test_a_depth_image_with_its_camera(tmp_path, kind):
+    from PIL import Image
+
+    depth = np.zeros((4, 6), np.uint16)
+    depth[3, 5], depth[0, 0] = 2000, 1000
+    (tmp_path / "frames").mkdir()
+    Image.fromarray(depth).save(tmp_path / "frames" / "1.png")
+    rows = [[2.0, 0, 3], [0, 4, 1], [0, 0, 1]]
+    if kind == "fx":
+        (tmp_path / "intrinsics.json").write_text('{"fx": 2, "fy": 4, "cx": 3, "cy": 1}')
+    elif kind == "open3d":
+        matrix = np.array(rows).T.ravel().tolist()
+        (tmp_path / "frames" / "1.json").write_text(f'{{"intrinsic_matrix": {matrix}}}')
+    elif kind == "text":
+        np.savetxt(tmp_path / "camera-intrinsics.txt", rows)
+    else:
+        with pytest.raises(FileNotFoundError, match="needs its camera's intrinsics"):
+            skipnet.read_cloud(tmp_path / "frames" / "1.png")
+        return
+    cloud = skipnet.read_cloud(tmp_path / "frames" / "1.png")
+    assert cloud.points_m.tolist() == [[-1.5, -0.25, 1], [2, 1, 2]]
+    assert cloud.viewpoint_m.tolist() == [0, 0, 0]
+    assert cloud.notes == ("left out 22 of 24 pixels that saw nothing",)
 
 
 @pytest.mark.parametrize("key", ["points", "xyz", "pos", "anything"])

@@ -113,7 +113,10 @@ BAD = {
     "missing": (["source=scans/a.ply", "target=scans/c.ply"], "scans/c.ply: no such file"),
     "empty": (["source=scans/a.ply", "target=empty.ply"], "empty.ply: the file is empty"),
     "truncated": (["source=cut.ply", "target=scans/b.npy"], "cut.ply: truncated"),
-    "not points": (["source=picture.ply", "target=scans/b.npy"], "picture.ply: not a PLY file"),
+    "not points": (
+        ["source=picture.ply", "target=scans/b.npy"],
+        "picture.ply: truncated or no depth image",
+    ),
     "two points": (["source=two.npy", "target=scans/b.npy"], "two.npy: got 2 points"),
     "a line": (["source=line.npy", "target=scans/b.npy"], "on one line"),
     "NaN alone": (["source=scans/a.ply", "target=nan.npy"], "nan.npy: holds no points but NaN"),

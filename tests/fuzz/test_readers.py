@@ -37,6 +37,11 @@ def whole_file(extension, path):
         points.astype("<f4")[:28].tofile(path)
     elif extension == ".pts":
         path.write_text("2\n1 2 3 4 5 6 7\n4 5.5 6 7 8 9 1\n")
+    elif extension == ".png":
+        from PIL import Image
+
+        Image.fromarray(np.arange(30, dtype=np.uint16).reshape(5, 6)).save(path)
+        path.with_suffix(".json").write_text('{"fx": 5, "fy": 5, "cx": 3, "cy": 2}')
     elif extension == ".ptx":
         path.write_bytes(2 * PTX)
     else:

@@ -33,12 +33,15 @@ RECORDS_AT_ONCE = 1 << 18
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _COLOURS = ("colorRed", "colorGreen", "colorBlue")
+_NORMALS = ("nor:normalX", "nor:normalY", "nor:normalZ")
 _KINDS = {
-    **dict.fromkeys((*_CARTESIAN, *_SPHERICAL, *_COLOURS, "intensity", "timeStamp"), np.float64),
-    **dict.fromkeys(("rowIndex", "columnIndex", "returnIndex", "returnCount"), np.int32),
+    **dict.fromkeys(
+        (*_CARTESIAN, *_SPHERICAL, *_COLOURS, *_NORMALS, "intensity", "timeStamp"), np.float64
+    ),
+    **dict.fromkeys(("rowIndex", "columnIndex", "returnIndex", "returnCount"), np.longlong),
     **dict.fromkeys(("cartesianInvalidState", "sphericalInvalidState"), np.int8),
 }
-_HIDDEN = {*_CARTESIAN, *_SPHERICAL, *_COLOURS, "intensity"}
+_HIDDEN = {*_CARTESIAN, *_SPHERICAL, *_COLOURS, *_NORMALS, "intensity"}
 _HIDDEN |= {"cartesianInvalidState", "sphericalInvalidState"}
 _CRC_BYTES, _DEEPEST, _LARGEST_XML = 4, 64, 1 << 26
 
@@ -95,6 +98,7 @@ def _read_scan(file: pye57.E57, number: int, path: Path) -> Cloud:
         points_m=_places(kept, path),
         colour=_colour(kept, header),
         intensity=kept.get("intensity"),
+        normals=stacked([kept[name] for name in _NORMALS]) if set(_NORMALS) <= set(kept) else None,
         columns={name: values for name, values in kept.items() if name not in _HIDDEN},
         name=f"{path}: {name or f'scan {number}'}" if file.scan_count > 1 else str(path),
         notes=(f"dropped {invalid:,} invalid of {len(valid):,} points",) if invalid else (),

@@ -14,6 +14,7 @@ import numpy as np
 from skipnet.checks import METRES_PER_UNIT, missing_package
 from skipnet.clouds.cloud import Cloud, concatenate
 from skipnet.clouds.formats.columns import cloud_of_columns, stacked
+from skipnet.clouds.formats.coordinate_systems import DEGREES, unit_of_geokeys, unit_of_wkt
 from skipnet.clouds.formats.las_sizes import check_sizes
 from skipnet.storage import replacing
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 RECORDS_AT_ONCE = 1 << 18
 """Records read in one go."""
+_FEW_DEGREES = 0.5
+"""A site is smaller; a scan in metres that is labelled wrongly, as many are, is larger."""
 _SCALE_M = 1e-4
 """Of what is written: a tenth of a millimetre reaches 200 km about the offset."""
 
@@ -43,11 +46,16 @@ def read_las(path: Path) -> Iterator[Cloud]:
         with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as file:
             header = file.header
             crs = _crs(header)
+            unit = _unit(header, crs, path)
             for records in file.chunk_iterator(RECORDS_AT_ONCE):
                 present += len(records)
-                yield _cloud(records, header, crs, path)
+                yield _cloud(records, header, crs, unit, path)
     except (KeyboardInterrupt, SystemExit, MemoryError, GeneratorExit):
         raise
+    except ValueError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise ValueError(f"{path}: damaged: {' '.join(str(error).split())[:160]}") from error
     except BaseException as error:  # a panic of the decompressor is no Exception
         message = " ".join(str(error).split())[:160]
         raise ValueError(f"{path}: truncated or not a LAS/LAZ file: {message}") from error
@@ -58,7 +66,7 @@ def read_las(path: Path) -> Iterator[Cloud]:
         )
 
 
-def _cloud(records: Any, header: laspy.LasHeader, crs: str, path: Path) -> Cloud:
+def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Path) -> Cloud:
     # Scaled by hand: the chunk's own x, y, z would make three more copies.
     raw = stacked([records.X, records.Y, records.Z])
     table = dict(zip("xyz", (raw * header.scales + header.offsets).T, strict=True))
@@ -66,7 +74,8 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, path: Path) -> Cloud
         values = np.asarray(records[name])
         if name not in ("X", "Y", "Z") and values.any():
             table[name] = values
-    return cloud_of_columns(table, path, offset_m=np.array(header.offsets), crs=crs)
+    offset_m = np.array(header.offsets) * METRES_PER_UNIT[unit]
+    return cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
 
 
 def _crs(header: laspy.LasHeader) -> str:
@@ -76,6 +85,24 @@ def _crs(header: laspy.LasHeader) -> str:
         if record.user_id == "LASF_Projection" and record.record_id == 2112 and text:
             return str(text).strip("\0 ")
     return ""
+
+
+def _unit(header: laspy.LasHeader, crs: str, path: Path) -> str:
+    """The unit that the coordinate system names; degrees only where the points can be such."""
+    keys = [
+        record.record_data_bytes()
+        for record in header.vlrs
+        if record.user_id == "LASF_Projection" and record.record_id == 34735
+    ]
+    unit = unit_of_wkt(crs) if crs else unit_of_geokeys(keys[0]) if keys else "m"
+    if unit != DEGREES:
+        return unit
+    if np.ptp([header.mins, header.maxs], axis=0)[:2].max() < _FEW_DEGREES:
+        raise ValueError(
+            f"{path}: its coordinates are degrees of longitude and latitude: project them to "
+            "metres first"
+        )
+    return "m"
 
 
 def write_las(path: Path, clouds: Iterable[Cloud]) -> None:

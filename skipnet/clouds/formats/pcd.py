@@ -71,14 +71,17 @@ def _ascii(file: BinaryIO, header: PcdHeader, path: Path) -> Iterator[list[np.nd
         raise ValueError(f"{path}: damaged points: expected {width} numbers in every line")
     ends = np.cumsum(header.counts)
     columns = np.split(rows if len(rows) else np.empty((0, width)), ends[:-1], axis=1)
-    yield [_retyped(values, kind) for values, kind in zip(columns, header.kinds, strict=True)]
+    yield [
+        _retyped(values, kind, name in _PACKED)
+        for values, kind, name in zip(columns, header.kinds, header.names, strict=True)
+    ]
 
 
-def _retyped(values: FloatArray, kind: str) -> np.ndarray:
-    """As the field's own kind, where that keeps the values."""
-    limits = None if kind[0] == "f" else np.iinfo(kind)
-    if limits is None:
-        return values.astype(kind) if kind == "f4" and values.shape[1] == 1 else values
+def _retyped(values: FloatArray, kind: str, is_packed: bool) -> np.ndarray:
+    """As the field's own kind, where that keeps the values: the text may have more digits."""
+    if kind[0] == "f":
+        return values.astype(kind) if is_packed else values
+    limits = np.iinfo(kind)
     fits = np.isfinite(values).all() and (
         values.size == 0 or (values.min() >= limits.min and values.max() <= limits.max)
     )

@@ -14,6 +14,7 @@ import numpy as np
 from skipnet.checks import METRES_PER_UNIT, check_known
 from skipnet.clouds.cloud import Cloud, concatenate
 from skipnet.clouds.formats.arrays import read_numpy
+from skipnet.clouds.formats.depth import read_depth
 from skipnet.clouds.formats.e57 import read_e57
 from skipnet.clouds.formats.kitti import read_kitti
 from skipnet.clouds.formats.las import read_las
@@ -34,6 +35,7 @@ _MAGIC: dict[bytes, str] = {
     b"\x93NUMPY": ".npy",
     b"PK\x03\x04": ".npz",
     b"glTF": ".glb",
+    b"\x89PNG\r\n\x1a\n": ".png",
 }
 """How files begin whose format names itself."""
 _SCANS = (".e57", ".ptx")
@@ -171,6 +173,7 @@ _READERS: dict[str, Callable[[Path], Iterator[Cloud]]] = {
     **dict.fromkeys((".las", ".laz"), read_las),
     ".e57": read_e57,
     ".bin": read_kitti,
+    ".png": read_depth,
     **{f".{kind}": partial(read_mesh, kind=kind) for kind in ("obj", "stl", "glb", "off")},
 }
 SUPPORTED = tuple(_READERS)

@@ -1,0 +1,163 @@
+"""A pair in 3-D, and how a page speaks of its pose: a refused one is not "the motion found"."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.clouds.cloud import Cloud
+from skipnet.geometry import transform_points
+from skipnet.registration.result import Registration
+from skipnet.results.inputs import LARGEST_SCENE_M, Given
+from skipnet.skipmap.tree import points_of
+from skipnet.types import FloatArray, Status
+from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR, scan_colour
+from skipnet.viz.viewer import ViewedPose, ViewedScan, viewer
+
+_MOST_MEASURED = 200_000
+_FAR_EXTENTS = 5.0
+"""Scans farther apart than so many of their extents are shown moved together."""
+
+
+@dataclass(frozen=True)
+class PoseWords:
+    """How a page speaks of the pose."""
+
+    heading: str
+    button: str
+    note: str
+
+
+WORDS = {
+    Status.REGISTERED: PoseWords(
+        "The motion found", "registered", "With the motion found: registered."
+    ),
+    Status.AMBIGUOUS: PoseWords(
+        "One possible motion, not certain",
+        "possible, not certain",
+        "A possible pose, not certain: others explain the scans as well, or too little holds it.",
+    ),
+    Status.FAILED: PoseWords(
+        "The best candidate, refused",
+        "best candidate, refused",
+        "Not a result: the best candidate, which was refused. Do not use it.",
+    ),
+}
+
+
+NOTHING = PoseWords("No motion found", "", "No pose was proposed.")
+"""Of a failure without any candidate."""
+
+
+def words_of(result: Registration) -> PoseWords:
+    """How to speak of a result's pose."""
+    return NOTHING if result.findings is None else WORDS[Status(result.status)]
+
+
+def pair_viewer(source: Given, target: Given, result: Registration) -> tuple[str, FloatArray]:
+    """The view of a pair, and the (N,) residuals of the source's points in the pose.
+
+    Args:
+        source: the scan that was moved.
+        target: the scan that stayed.
+        result: of the registration.
+    """
+    source_m, target_m = points_of(source.points_m), points_of(target.points_m)
+    T = result.T_target_source
+    moved_m = transform_points(T, source_m)
+    away_m = _distances_m(moved_m, target_m), _distances_m(target_m, moved_m)
+    names = (f"source: {source.path.name}", f"target: {target.path.name}")
+    tints = (SOURCE_COLOUR, TARGET_COLOUR)
+    scans = [
+        ViewedScan(name, points_m, tint, None if scan.is_large else scan.cloud.colour, residuals_m)
+        for name, points_m, tint, scan, residuals_m in zip(
+            names, (source_m, target_m), tints, (source, target), away_m, strict=True
+        )
+    ]
+    poses = [_before(source_m, target_m), *_candidates(result)]
+    return viewer(scans, poses, min(1, len(poses) - 1), result.voxel_size_m / 2), away_m[0]
+
+
+def placed_viewer(placed: Sequence[Cloud], names: Sequence[str]) -> str:
+    """The view of many scans that are in one frame already."""
+    scans = [
+        ViewedScan(name, cloud.points_m, scan_colour(number), cloud.colour)
+        for number, (cloud, name) in enumerate(zip(placed, names, strict=True))
+    ]
+    note = "Every scan that found its place."
+    return viewer(scans, [ViewedPose("placed", note, [np.eye(4)] * len(scans))])
+
+
+def _before(source_m: FloatArray, target_m: FloatArray) -> ViewedPose:
+    """Both scans as they came; moved together where that would be two dots far apart."""
+    T = np.eye(4)
+    apart_m = np.median(target_m, axis=0) - np.median(source_m, axis=0)
+    extent_m = max(float(np.ptp(points_m, axis=0).max()) for points_m in (source_m, target_m))
+    if np.linalg.norm(apart_m) > _FAR_EXTENTS * extent_m:
+        T[:3, 3] = apart_m
+        note = f"As they came, but moved together: they lie {np.linalg.norm(apart_m):,.0f} m apart."
+        return ViewedPose("as they came, moved together", note, (T, np.eye(4)))
+    return ViewedPose("as they came", "Both scans as they came.", (T, np.eye(4)))
+
+
+def _candidates(result: Registration) -> list[ViewedPose]:
+    if result.findings is None:
+        return []
+    words, stays = words_of(result), np.eye(4)
+    poses = [ViewedPose(words.button, words.note, (result.T_target_source, stays))]
+    for number, T in enumerate(result.findings.alternatives, 1):
+        note = f"Alternative {number}: another pose that explains the scans nearly as well."
+        poses.append(ViewedPose(f"alternative {number}", note, (T, stays)))
+    return poses
+
+
+def _distances_m(from_m: FloatArray, to_m: FloatArray) -> FloatArray:
+    """(N,) distance of each point to the nearest of others; these are thinned where very many."""
+    from scipy.spatial import cKDTree
+
+    if len(to_m) > _MOST_MEASURED:
+        to_m = np.random.default_rng(0).choice(to_m, _MOST_MEASURED, replace=False)
+    tree = cKDTree(to_m, balanced_tree=False, compact_nodes=False)
+    return tree.query(from_m, workers=-1)[0]
+
+
+def advice(result: Registration) -> list[str]:
+    """What to try when the scans were not registered; nothing when they were."""
+    if result.status == Status.REGISTERED:
+        return []
+    tips = []
+    extents_m = [scan.extent_m.max() for scan in (result.source, result.target)
+                 if scan.extent_m is not None]  # fmt: skip
+    if extents_m and max(extents_m) > LARGEST_SCENE_M:
+        tips.append(
+            f"The scans extend over {max(extents_m):,.0f} m. If their coordinates are millimetres, "
+            "say so: unit=mm."
+        )
+    if len(extents_m) == 2 and max(extents_m) > 50 * min(extents_m):
+        tips.append("One scan is more than 50 times as large as the other: are both in one unit?")
+    unknown = [
+        name
+        for name, scan in (("source", result.source), ("target", result.target))
+        if scan.viewpoint_m is None
+    ]
+    if unknown:
+        options = " and ".join(f"{name}_viewpoint=[x,y,z]" for name in unknown)
+        tips.append(f"Where the sensor stood is unknown. If you know it, say so: {options}.")
+    found = result.findings
+    if found is not None and len(found.alternatives):
+        tips.append(
+            "Other poses fit nearly as well: look at the alternatives above. A scan taken between "
+            "the two places, or one that sees what differs, settles it."
+        )
+    if found is not None and len(found.free_directions) + len(found.free_turns):
+        tips.append(
+            "The shared surfaces let one scan slide or turn along the other (a corridor, a bare "
+            "wall): a scan that also sees a corner or a cross wall holds it."
+        )
+    tips.append(
+        "Scans that share less than about a third of what they see often fail: take one more scan "
+        "between the two."
+    )
+    return tips
