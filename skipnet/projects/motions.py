@@ -105,9 +105,9 @@ def _split(group: Group, joiner: Joiner, asking: list[_Move]) -> tuple[list[int]
             side[stays], side[moves] = False, True
     open_scans = set(group.scans) - set(side)
     while open_scans:
-        chosen = max(sorted(open_scans), key=lambda scan: abs(pull(scan)))
-        side[chosen] = pull(chosen) > 0
-        open_scans.remove(chosen)
+        strongest = max(sorted(open_scans), key=lambda scan: abs(pull(scan)))
+        side[strongest] = pull(strongest) > 0
+        open_scans.remove(strongest)
     return [s for s in group.scans if not side[s]], [s for s in group.scans if side[s]]
 
 

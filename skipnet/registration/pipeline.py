@@ -7,18 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from skipnet.clouds.cleaning import denoise
-from skipnet.features.fpfh import fpfh
-from skipnet.features.matching import mutual_nearest
 from skipnet.geometry import invert
 from skipnet.networks.catalog import find_network
-from skipnet.networks.describing import correspond
-from skipnet.parallel.threads import one_blas_thread, side_by_side
+from skipnet.parallel.threads import one_blas_thread
 from skipnet.registration.answer import Answer
-from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
-from skipnet.registration.hypotheses.correspondences import from_correspondences
-from skipnet.registration.hypotheses.hypotheses import Hypotheses
-from skipnet.registration.hypotheses.planes import from_planes
-from skipnet.registration.hypotheses.slides import from_slides
+from skipnet.registration.generators import propose
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.options import Generator, RegistrationConfig
@@ -206,31 +199,3 @@ def clean(cloud_m: Points, config: RegistrationConfig) -> Points:
         return cloud_m
     kept = denoise(points_of(cloud_m), config.denoise_neighbours, config.denoise_sigma)
     return cloud_m[kept]
-
-
-def propose(
-    generator: Generator, source: Scan, target: Scan, config: RegistrationConfig
-) -> Hypotheses:
-    """Candidate poses of one generator."""
-    size_m = source.skipmap.voxel_size_m
-    if generator is Generator.corners:
-        return from_corners(source.corners, target.corners, size_m, config.same_class_corners)
-    if generator is Generator.edges:
-        return from_edges(source.lines, target.lines, size_m)
-    if generator in (Generator.planes, Generator.slides):
-        planes_s, planes_t = side_by_side(lambda scan: scan.planes, (source, target))
-        if source.viewpoint_m is None or target.viewpoint_m is None:
-            planes_s = planes_s.with_both_signs()
-        if generator is Generator.planes:
-            return from_planes(planes_s, planes_t, size_m)
-        voxels = source.skipmap.centroids_m, target.skipmap.centroids_m
-        return from_slides(planes_s, planes_t, *voxels, size_m)
-    if generator is Generator.fpfh:
-        found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
-    else:  # Generator.descriptors
-        found = correspond(source.skipmap, target.skipmap, source.network)
-    rows_s, rows_t, distance = found
-    best = np.argsort(distance, kind="stable")[: config.max_correspondences]
-    source_m = source.skipmap.centroids_m[rows_s[best]]
-    target_m = target.skipmap.centroids_m[rows_t[best]]
-    return from_correspondences(source_m, target_m, np.ones(len(best)), 1.5 * size_m)

@@ -1,0 +1,93 @@
+"""The generators of candidate poses, by name: each sees two described scans and proposes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from skipnet.features.fpfh import fpfh
+from skipnet.features.matching import mutual_nearest
+from skipnet.features.primitives import Planes
+from skipnet.networks.describing import correspond
+from skipnet.parallel.threads import side_by_side
+from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
+from skipnet.registration.hypotheses.correspondences import from_correspondences
+from skipnet.registration.hypotheses.hypotheses import Hypotheses
+from skipnet.registration.hypotheses.planes import from_planes
+from skipnet.registration.hypotheses.slides import from_slides
+from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.scans.scan import Scan
+from skipnet.types import FloatArray, IntArray
+
+Propose = Callable[[Scan, Scan, RegistrationConfig], Hypotheses]
+"""From source, target and options to candidate poses; the judge decides about all of them alike."""
+
+
+def propose(
+    generator: Generator, source: Scan, target: Scan, config: RegistrationConfig
+) -> Hypotheses:
+    """Candidate poses of one generator."""
+    return PROPOSE[generator](source, target, config)
+
+
+def _from_corners(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    size_m = source.skipmap.voxel_size_m
+    return from_corners(source.corners, target.corners, size_m, config.same_class_corners)
+
+
+def _from_edges(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    return from_edges(source.lines, target.lines, source.skipmap.voxel_size_m)
+
+
+def _from_planes(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    return from_planes(*_planes(source, target), source.skipmap.voxel_size_m)
+
+
+def _from_slides(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    voxels = source.skipmap.centroids_m, target.skipmap.centroids_m
+    return from_slides(*_planes(source, target), *voxels, source.skipmap.voxel_size_m)
+
+
+def _from_descriptors(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    found = correspond(source.skipmap, target.skipmap, source.network)
+    return _from_matches(source, target, found, config)
+
+
+def _from_fpfh(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
+    return _from_matches(source, target, found, config)
+
+
+def _planes(source: Scan, target: Scan) -> tuple[Planes, Planes]:
+    """Planes of both; where a sensor's place is unknown, either side of them may be up."""
+    planes_s, planes_t = side_by_side(lambda scan: scan.planes, (source, target))
+    if source.viewpoint_m is None or target.viewpoint_m is None:
+        planes_s = planes_s.with_both_signs()
+    return planes_s, planes_t
+
+
+def _from_matches(
+    source: Scan,
+    target: Scan,
+    found: tuple[IntArray, IntArray, FloatArray],
+    config: RegistrationConfig,
+) -> Hypotheses:
+    """Poses on which the best of the (K,) matched rows of both Skip-maps agree."""
+    rows_s, rows_t, distance = found
+    best = np.argsort(distance, kind="stable")[: config.max_correspondences]
+    source_m = source.skipmap.centroids_m[rows_s[best]]
+    target_m = target.skipmap.centroids_m[rows_t[best]]
+    reach_m = 1.5 * source.skipmap.voxel_size_m
+    return from_correspondences(source_m, target_m, np.ones(len(best)), reach_m)
+
+
+PROPOSE: dict[Generator, Propose] = {
+    Generator.corners: _from_corners,
+    Generator.edges: _from_edges,
+    Generator.planes: _from_planes,
+    Generator.slides: _from_slides,
+    Generator.descriptors: _from_descriptors,
+    Generator.fpfh: _from_fpfh,
+}
+"""Every generator; a new one is a function and a row here, and a member of ``Generator``."""
