@@ -38,7 +38,7 @@ CHANCE_SCORE = 0.05
 MIN_SPARSE_HOLD = 6.0
 """Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 
-_SEEN = ("support", "margin", "decisiveness", "mismatch", "held")
+_SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
 """What the confidence is made of."""
 FIRMLY_HELD_VOXELS = 99.0
@@ -165,7 +165,7 @@ class Findings:
     def features(self) -> FloatArray:
         """(F,) what the confidence is computed from, in the order of ``FEATURES``."""
         held = np.log10(1 + min(self.held_voxels, FIRMLY_HELD_VOXELS))
-        seen = np.array([self.support, self.margin, self.decisiveness, self.mismatch, held])
+        seen = np.array([self.support, self.margin, held])
         # Without free space the other figures must say more: they get weights of their own.
         return np.concatenate([[np.sqrt(self.violation)], seen, [self.blind], self.blind * seen])
 
