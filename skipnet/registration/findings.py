@@ -35,6 +35,8 @@ HARMFUL_VIOLATION = 0.003
 """... contradict what was seen, by this share of all voxels and more."""
 CHANCE_SCORE = 0.05
 """What some pose always scores: a lead counts against this, though no rival be found."""
+MIN_THICKNESS_VOXELS = 0.5
+"""A scan whose voxels scatter by less about their plane is that plane."""
 MIN_SPARSE_HOLD = 6.0
 """Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 
@@ -227,7 +229,16 @@ def find_out(
 
 
 def _free_directions(judge: Judge, best: Refinement, is_sparse: bool) -> FloatArray:
-    """(F, 3) directions along which one pose can slide."""
+    """(F, 3) directions along which one pose can slide, in the target's frame.
+
+    Noise may roughen a scan that shows nothing but one plane; it holds nothing all the same.
+    """
+    turns = best.T_target_source[0, :3, :3], np.eye(3)
+    for scan, turn in zip((judge.source, judge.target), turns, strict=True):
+        square_m2, axes = np.linalg.eigh(np.cov(scan.points_m.T.astype(np.float64)))
+        if np.sqrt(square_m2[0]) < MIN_THICKNESS_VOXELS * judge.voxel_size_m:
+            in_plane: FloatArray = (turn @ axes[:, 1:]).T
+            return in_plane
     T, centre_m = best.T_target_source[0], best.centre_m[0]
     share, directions = holds(best.information[0], best.matched[0])
     free = [
