@@ -35,10 +35,12 @@ HARMFUL_VIOLATION = 0.003
 """... contradict what was seen, by this share of all voxels and more."""
 CHANCE_SCORE = 0.05
 """What some pose always scores: a lead counts against this, though no rival be found."""
+MIN_THICKNESS_VOXELS = 0.5
+"""A scan whose voxels scatter by less about their plane is that plane."""
 MIN_SPARSE_HOLD = 6.0
 """Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 
-_SEEN = ("support", "margin", "decisiveness", "mismatch", "held")
+_SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
 """What the confidence is made of."""
 FIRMLY_HELD_VOXELS = 99.0
@@ -165,7 +167,7 @@ class Findings:
     def features(self) -> FloatArray:
         """(F,) what the confidence is computed from, in the order of ``FEATURES``."""
         held = np.log10(1 + min(self.held_voxels, FIRMLY_HELD_VOXELS))
-        seen = np.array([self.support, self.margin, self.decisiveness, self.mismatch, held])
+        seen = np.array([self.support, self.margin, held])
         # Without free space the other figures must say more: they get weights of their own.
         return np.concatenate([[np.sqrt(self.violation)], seen, [self.blind], self.blind * seen])
 
@@ -227,7 +229,16 @@ def find_out(
 
 
 def _free_directions(judge: Judge, best: Refinement, is_sparse: bool) -> FloatArray:
-    """(F, 3) directions along which one pose can slide."""
+    """(F, 3) directions along which one pose can slide, in the target's frame.
+
+    Noise may roughen a scan that shows nothing but one plane; it holds nothing all the same.
+    """
+    turns = best.T_target_source[0, :3, :3], np.eye(3)
+    for scan, turn in zip((judge.source, judge.target), turns, strict=True):
+        square_m2, axes = np.linalg.eigh(np.cov(scan.points_m.T.astype(np.float64)))
+        if np.sqrt(square_m2[0]) < MIN_THICKNESS_VOXELS * judge.voxel_size_m:
+            in_plane: FloatArray = (turn @ axes[:, 1:]).T
+            return in_plane
     T, centre_m = best.T_target_source[0], best.centre_m[0]
     share, directions = holds(best.information[0], best.matched[0])
     free = [

@@ -24,7 +24,7 @@ from skipnet.scans.scan import Scan, Viewpoint, describe
 from skipnet.skipmap.tree import Points, check_voxel_size, points_of
 from skipnet.types import FloatArray, Status
 
-HOPELESS_CONFIDENCE = 0.2
+HOPELESS_CONFIDENCE = 0.05
 """With less than this in the best pose, other units are worth a try."""
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
@@ -130,12 +130,12 @@ def _naming_units(
 ) -> Registration:
     """The same result, its reason naming the units if the scans only agree in different ones.
 
-    Sizes that differ by less than ``SURELY_APART`` are tried; what cannot be told from a part and
-    its whole is left as it is.
+    Units are tried; where that does not help, what may be a part and its whole is left as it is.
     """
     source_size, target_size = size_of(source_m), size_of(target_m)
     guess = likeliest_unit(source_size, target_size)
-    if guess is None or not (result.confidence < HOPELESS_CONFIDENCE or guess.is_surely_apart):
+    hopeless = result.status is Status.FAILED and result.confidence < HOPELESS_CONFIDENCE
+    if guess is None or not (hopeless or guess.is_worth_trying):
         return result
     clouds_m = guess.factor * source_m, target_m
     scans = describe(

@@ -19,8 +19,10 @@ WITHIN = 2.5
 """Scans of one thing differ in size by less than this factor, or show too little of the same."""
 SMALLEST_FACTOR = 2.2
 """Scans whose sizes differ by less may be in one unit."""
+WORTH_TRYING = 10.0
+"""Those that differ by more are tried in other units ..."""
 SURELY_APART = 50.0
-"""Those that differ by more are of different things, or in different units."""
+"""... and those that differ by so much are of different things, or in different units."""
 _ASKED = 20_000
 
 
@@ -32,6 +34,11 @@ class UnitGuess:
     """By which the source's coordinates have to be multiplied."""
     source_unit: str
     target_unit: str
+
+    @property
+    def is_worth_trying(self) -> bool:
+        """A part of a whole is hardly so small."""
+        return max(self.factor, 1 / self.factor) > WORTH_TRYING
 
     @property
     def is_surely_apart(self) -> bool:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from skipnet.features.primitives import find_planes
 from skipnet.geometry import make_transform, random_rotation
 from skipnet.registration.alignment.refinement import refine
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.sliding import MIN_DETERMINED, holds_against, moves_freely, slide
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image
+from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.skipmap import build_skipmap
 
 VOXEL_M = 0.15
@@ -37,7 +39,8 @@ def shift(direction):
 def evidence_of(points_m):
     skipmap = build_skipmap(points_m, VOXEL_M, np.zeros(3))
     image = build_range_image(points_m, np.zeros(3))
-    return build_evidence(skipmap, image, np.random.default_rng(0))
+    evidence = build_evidence(skipmap, image, np.random.default_rng(0))
+    return evidence.valued(voxel_worth(skipmap, find_planes(skipmap)))
 
 
 @pytest.fixture(scope="module")

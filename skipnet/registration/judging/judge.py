@@ -33,6 +33,9 @@ _AT_ONCE = 1 << 20
 """Voxels, over all candidates, judged in one go: some megabytes."""
 FREE_WEIGHT = 10.0
 """Voxels that one in free space outweighs where two poses are compared voxel by voxel."""
+LOOKED_PAST, LOOKED_PAST_VOXELS = 0.005, 0.25
+"""A sensor that saw something behind by this share of the range and so many voxels looked past what
+would stand there, be it too little to contradict it."""
 FEW_WORTH = 20.0
 """Worth, in voxels, on which poses may differ by chance."""
 HOPELESS = 0.1
@@ -93,8 +96,8 @@ class Judge:
         Args:
             T_best: (4, 4) the pose.
             T_rivals: (K, 4, 4) other poses.
-            is_motion: the rivals are the pose moved a little: what moves within its own surface
-                says nothing, as when a plane slides beyond where the other one was seen.
+            is_motion: the rivals are the pose moved a little: what no longer agrees because it
+                moved within its own surface says nothing, unless the other sensor looked past it.
 
         Returns:
             (K,) in -1 to 1: what speaks for the pose alone less what speaks for the rival alone, as
@@ -111,10 +114,17 @@ class Judge:
         """(C - 1, S) what each of a's voxels says for the first pose rather than each other one."""
         match, beside, free = states(T_b_a, a, b, self.samples, FINE)
         worth = a.shares(self.samples)[1] * a.weights.sum()
-        spoken = worth * (match - MISMATCH_WEIGHT * beside - FREE_WEIGHT * b.trust * free)
-        apart: FloatArray = spoken[0] - spoken[1:]
+        against = MISMATCH_WEIGHT * beside + FREE_WEIGHT * b.trust * free
+        gained: FloatArray = match[0] - match[1:]
         if is_motion:
-            apart = apart * _facing(T_b_a, a.points_m[: len(worth)], a.normals[: len(worth)])
+            points_m, normals = a.points_m[: len(worth)], a.normals[: len(worth)]
+            told = _facing(T_b_a, points_m, normals)
+            if b.range_image is not None:
+                lost, least_m = gained > 0, LOOKED_PAST_VOXELS * b.voxel_size_m
+                past = b.range_image.in_front(T_b_a[1:], points_m, lost, LOOKED_PAST, least_m)
+                told = np.where(past, np.maximum(b.trust, told), told)
+            gained = gained * told
+        apart: FloatArray = worth * (gained - against[0] + against[1:])
         return apart
 
     def closer(self, T_target_source: FloatArray, score: Score) -> Score:

@@ -21,7 +21,7 @@ STEPS_VOXELS = (np.arange(-8, 9) / 4, np.arange(-5, 6) / 20)
 """Places to try, from rough to fine."""
 FREE_STEPS_VOXELS = np.array([-3.0, 0.0, 3.0])
 """A pose that the judge likes as well this far to either side is free."""
-MIN_DECISIVE = 0.2
+MIN_DECISIVE = 0.5
 """... or what tells them apart must speak for it as clearly as this."""
 MIN_DROP = 0.1
 """Share of its score that a pose must lose there to count as held."""
