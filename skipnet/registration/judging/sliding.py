@@ -117,9 +117,9 @@ def moves_freely(
     as_good = sides[score.total[sides] > (1 - MIN_DROP) * score.total[1]]
     if len(as_good) == 0:
         return False
-    # On gentle ground half a voxel is much: what is as good must be so closely, too ...
-    closer = judge.closer(moved, score).total
-    as_good = as_good[closer[as_good] > (1 - MIN_DROP) * closer[1]]
+    # On gentle ground half a voxel is much: what is as good must be as close, too ...
+    closeness = judge.closer(moved, score).total / np.maximum(score.total, 1e-9)
+    as_good = as_good[closeness[as_good] > (1 - MIN_DROP) * closeness[1]]
     # ... and by what tells the places apart, though it be little of all that is seen.
     return bool((judge.decisiveness(moved[1], moved[as_good], is_motion=True) < MIN_DECISIVE).any())
 
