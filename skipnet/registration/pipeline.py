@@ -110,7 +110,7 @@ def register_scans(
         T_target_source_coarse=answer.T_target_source_coarse,
         status=answer.verdict.status,
         confidence=answer.verdict.confidence,
-        reason=_with_strays(answer.verdict.reason, source.strays + target.strays),
+        reason=_with_strays(answer.verdict.reason, source.record.strays + target.record.strays),
         voxel_size_m=source.skipmap.voxel_size_m,
         source=_facts(source),
         target=_facts(target),
@@ -150,7 +150,7 @@ def _naming_units(
 def _facts(scan: Scan) -> ScanFacts:
     """What is known about one scan, for the result."""
     extent_m = np.ptp(scan.evidence.points_m, axis=0) if len(scan.skipmap) else None
-    return ScanFacts(extent_m, scan.viewpoint_given_m, scan.trust, scan.strays)
+    return ScanFacts(extent_m, scan.viewpoint_given_m, scan.record.trust, scan.record.strays)
 
 
 def _with_strays(reason: str, strays: int) -> str:

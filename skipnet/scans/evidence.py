@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skipnet.scans.range_image import RangeImage, build_range_image
+from skipnet.scans.range_image import RangeImage
 from skipnet.scans.viewpoint import sides
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
@@ -99,33 +99,26 @@ class Evidence:
 
 def build_evidence(
     skipmap: SkipMap,
-    points_m: FloatArray,
+    range_image: RangeImage | None,
     rng: np.random.Generator,
-    T_own_points: FloatArray | None = None,
     trust: float = 1.0,
 ) -> Evidence:
-    """Prepare a scan for ``judge``.
+    """Prepare a scan for the judge.
 
     Args:
-        skipmap: the scan's Skip-map, with the viewpoint whose evidence is wanted.
-        points_m: (N, 3) the scan itself, for its range image.
+        skipmap: the scan's Skip-map, seen from the range image's viewpoint.
+        range_image: how far the sensor saw; None when its place is unknown.
         rng: draws the order in which voxels are sampled.
-        T_own_points: (4, 4) from the frame of the points to the Skip-map's; None where these are
-            one.
-        trust: in that viewpoint, see ``skipnet.scans.viewpoint.trust_in``.
+        trust: in that place, see ``skipnet.scans.viewpoint.trust_in``.
     """
-    viewpoint_m = skipmap.viewpoint_m
     points, normals = (a.astype(np.float32) for a in (skipmap.centroids_m, skipmap.normals))
     offsets_m = np.einsum("vi,vi->v", points, normals)
     arrivals = rng.exponential(size=len(skipmap))
     order = np.argsort(arrivals, kind="stable")
     clear = skipmap.curvatures < CLEAR_CURVATURE
-    range_image, sure = None, np.zeros(len(skipmap), dtype=np.float32)
-    if viewpoint_m is None:
-        trust = 0.0
-    if viewpoint_m is not None and trust > 0:
-        range_image = build_range_image(points_m, viewpoint_m, T_own_points)
-        sure = np.float32(trust) * sides(skipmap, viewpoint_m)
+    sure = np.zeros(len(skipmap), dtype=np.float32)
+    if range_image is not None:
+        sure = np.float32(trust) * sides(skipmap, range_image.viewpoint_m)
     return Evidence(
         points_m=points[order],
         normals=normals[order],
@@ -135,7 +128,7 @@ def build_evidence(
         clear=clear[order],
         order=order,
         sides=sure[order],
-        trust=trust,
+        trust=0.0 if range_image is None else trust,
         surfaces=np.column_stack([normals, offsets_m, sure]),
         centroid_errors_voxels=centroid_errors_voxels(skipmap),
         near=CellTable(skipmap.cells, skipmap.voxel_size_m, skipmap.origin_m, with_neighbours=True),

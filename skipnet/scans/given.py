@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.reading import read_cloud
-from skipnet.scans.scan import Viewpoint, check_viewpoint, checked
+from skipnet.scans.scan import Viewpoint, checked
 from skipnet.skipmap.tree import Points, SkipTree
 from skipnet.types import FloatArray
 
@@ -43,6 +43,23 @@ def taken(scan: ScanLike, viewpoint: Viewpoint, name: str, option: str) -> tuple
         known = scan.viewpoint_m is not None and isinstance(viewpoint, str)
         return checked(scan.points_m, name), scan.viewpoint_m if known else viewpoint
     return checked(_places(scan), name), viewpoint
+
+
+def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
+    """Refuse what is no viewpoint.
+
+    Raises:
+        ValueError: neither "auto" nor None nor three finite coordinates.
+    """
+    if viewpoint is None or (isinstance(viewpoint, str) and viewpoint == "auto"):
+        return
+    position_m = np.asarray(viewpoint)
+    if position_m.shape != (3,) or position_m.dtype.kind not in "iuf":
+        raise ValueError(
+            f'{name}={viewpoint!r}: expected "auto", None or a position (3,) in metres'
+        )
+    if not np.isfinite(position_m).all():
+        raise ValueError(f"{name}={viewpoint!r}: expected finite coordinates, or None if unknown")
 
 
 def _places(points: Any) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,8 @@ from skipnet.networks.describing import classify_voxels
 from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.scans.evidence import Evidence, build_evidence
+from skipnet.scans.range_image import build_range_image
+from skipnet.scans.record import Record
 from skipnet.scans.sparse import thin
 from skipnet.scans.viewpoint import trust_in
 from skipnet.scans.worth import voxel_worth
@@ -61,23 +63,6 @@ class FeatureVoxels:
         return self.probabilities.argmax(axis=1)
 
 
-def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
-    """Refuse what is no viewpoint.
-
-    Raises:
-        ValueError: neither "auto" nor None nor three finite coordinates.
-    """
-    if viewpoint is None or (isinstance(viewpoint, str) and viewpoint == "auto"):
-        return
-    position_m = np.asarray(viewpoint)
-    if position_m.shape != (3,) or position_m.dtype.kind not in "iuf":
-        raise ValueError(
-            f'{name}={viewpoint!r}: expected "auto", None or a position (3,) in metres'
-        )
-    if not np.isfinite(position_m).all():
-        raise ValueError(f"{name}={viewpoint!r}: expected finite coordinates, or None if unknown")
-
-
 def checked(cloud: npt.ArrayLike | SkipTree, name: str) -> Points:
     """Refuse what is no scan, as ``skipnet.clouds.cleaning.validate`` does."""
     if isinstance(cloud, SkipTree):
@@ -94,22 +79,32 @@ class Scan:
     depend on the frames in which the scans are given.
     """
 
-    T_given_own: FloatArray
-    """(4, 4) from the scan's own frame, in which all the rest is, to the frame it was given in."""
-    strays: int
-    """Points left out of all the rest because they lie far from all others."""
+    record: Record
+    """What the rest was made of."""
     skipmap: SkipMap
     """At the voxel size: what features, hypotheses and verification use."""
     coarse: SkipMap
     """At twice the voxel size: where fine alignment starts."""
-    fine_tree: SkipTree
-    """All voxels of half the size, effective or not."""
-    evidence: Evidence
-    """For the judge."""
     fine_skipmap: SkipMap
     """At half the voxel size: where fine alignment ends."""
+    evidence: Evidence
+    """For the judge."""
     network: Model
     """What recognises and classifies its voxels."""
+
+    def __getstate__(self) -> dict[str, object]:
+        """The fields alone: what is worked out on demand holds trees of a library, and is again."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def T_given_own(self) -> FloatArray:
+        """(4, 4) see ``Record``."""
+        return self.record.T_given_own
+
+    @property
+    def fine_tree(self) -> SkipTree:
+        """See ``Record``."""
+        return self.record.fine_tree
 
     @property
     def viewpoint_m(self) -> FloatArray | None:
@@ -118,16 +113,13 @@ class Scan:
         return self.skipmap.viewpoint_m
 
     @property
-    def trust(self) -> float:
-        """What the evidence of the sensor's place is worth: 0 when it is unknown, to 1."""
-        return self.evidence.trust
-
-    @property
     def viewpoint_given_m(self) -> FloatArray | None:
-        """As ``viewpoint_m``, in the frame that the scan was given in."""
-        if self.viewpoint_m is None:
+        """(3,) the place whose evidence counts, as far as it is trusted, in the frame that the scan
+        was given in; None when there is none."""
+        image = self.record.range_image
+        if image is None:
             return None
-        return transform_points(self.T_given_own, self.viewpoint_m[None])[0]
+        return transform_points(self.T_given_own, image.viewpoint_m[None])[0]
 
     @property
     def rank(self) -> tuple[int, int, float]:
@@ -236,26 +228,43 @@ def _describe_one(
     seed: int,
     network: Model,
 ) -> Scan:
-    """Build a scan's Skip-maps and find out how far its viewpoint can be believed."""
+    """Divide a scan into voxels and find out how far its viewpoint can be believed."""
     T_own_given = invert(T_given_own)
     fine_tree = build_tree(cloud_m, voxel_size_m / 2, np.zeros(3), T_own_given)
-    tree = fine_tree.coarser()
-    skipmap, fine = skipmap_of_tree(tree), skipmap_of_tree(fine_tree)
+    levels = _levels(fine_tree)
     is_given = not (viewpoint is None or isinstance(viewpoint, str))
     place_m = T_own_given[:3, 3]
     if is_given:
         place_m = transform_points(T_own_given, np.array([viewpoint], np.float64))[0]
-    trust = 0.0 if viewpoint is None else trust_in(skipmap, fine, place_m, is_given)
-    believed_m = place_m if trust >= MIN_TRUST else None
-    rng = np.random.default_rng(seed)
-    seen = skipmap.seen_from(place_m)
-    return Scan(
-        T_given_own=T_given_own,
-        strays=strays,
-        skipmap=skipmap if believed_m is None else seen,
-        coarse=skipmap_of_tree(tree.coarser(), believed_m),
-        fine_tree=fine_tree,
-        evidence=build_evidence(seen, points_of(cloud_m), rng, T_own_given, trust),
-        fine_skipmap=fine.seen_from(believed_m),
-        network=network,
-    )
+    trust = 0.0 if viewpoint is None else trust_in(*levels[:2], place_m, is_given)
+    image = None
+    if trust > 0:
+        image = build_range_image(points_of(cloud_m), place_m, T_own_given)
+    return _described(Record(T_given_own, strays, fine_tree, image, trust, seed), levels, network)
+
+
+def restored(record: Record, network: Model) -> Scan:
+    """The scan that a record was kept of, to the same bits.
+
+    Args:
+        record: of the scan.
+        network: the one that it was described with, or another.
+    """
+    return _described(record, _levels(record.fine_tree), network)
+
+
+def _levels(fine_tree: SkipTree) -> tuple[SkipMap, SkipMap, SkipMap]:
+    """Skip-maps at the voxel size, half of it and twice, normals of either sign."""
+    tree = fine_tree.coarser()
+    return skipmap_of_tree(tree), skipmap_of_tree(fine_tree), skipmap_of_tree(tree.coarser())
+
+
+def _described(record: Record, levels: tuple[SkipMap, SkipMap, SkipMap], network: Model) -> Scan:
+    """The scan of a record and its Skip-maps."""
+    image, rng = record.range_image, np.random.default_rng(record.seed)
+    believed_m = None if image is None or record.trust < MIN_TRUST else image.viewpoint_m
+    skipmap, fine, coarse = (level.seen_from(believed_m) for level in levels)
+    # The judge hears of places, too, that are not believed so far.
+    seen = skipmap if image is None else levels[0].seen_from(image.viewpoint_m)
+    evidence = build_evidence(seen, image, rng, record.trust)
+    return Scan(record, skipmap, coarse, fine, evidence, network)

@@ -10,6 +10,7 @@ from skipnet.registration import aligners
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.pipeline import register
 from skipnet.scans.evidence import build_evidence, centroid_errors_voxels
+from skipnet.scans.range_image import build_range_image
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
@@ -24,8 +25,9 @@ def rolling_ground(seed, noise_m):
     x_m, y_m = xy_m.T
     z_m = 0.08 * np.cos(0.9 * x_m) + 0.08 * np.sin(0.7 * y_m + 0.5 * x_m)
     points_m = np.column_stack([xy_m, z_m + rng.normal(0, noise_m, len(xy_m))])
-    skipmap = build_skipmap(points_m, VOXEL_M, np.array([0.0, 0.0, 3.0]))
-    return build_evidence(skipmap, points_m, np.random.default_rng(0))
+    sensor_m = np.array([0.0, 0.0, 3.0])
+    skipmap = build_skipmap(points_m, VOXEL_M, sensor_m)
+    return build_evidence(skipmap, build_range_image(points_m, sensor_m), np.random.default_rng(0))
 
 
 def both_scores(noise_m):

@@ -17,6 +17,7 @@ from skipnet.registration.judging.riding import (
 from skipnet.registration.pipeline import register
 from skipnet.registration.units import likeliest_unit
 from skipnet.scans.evidence import build_evidence
+from skipnet.scans.range_image import build_range_image
 from skipnet.scans.scan import describe
 from skipnet.simulation.situations.catalog import SITUATIONS, is_right
 from skipnet.simulation.situations.making import block, caster_of, drum, rings, sample, see, upright
@@ -32,7 +33,8 @@ def shifted_by(*shift_m):
 
 def evidence_of(points_m, viewpoint_m=None):
     skipmap = build_skipmap(points_m, VOXEL_M, viewpoint_m)
-    return build_evidence(skipmap, points_m, np.random.default_rng(0))
+    image = None if viewpoint_m is None else build_range_image(points_m, viewpoint_m)
+    return build_evidence(skipmap, image, np.random.default_rng(0))
 
 
 def plane(seed, half_m=2.0):

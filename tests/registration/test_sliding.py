@@ -11,6 +11,7 @@ from skipnet.registration.alignment.refinement import refine
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.sliding import MIN_DETERMINED, holds_against, moves_freely, slide
 from skipnet.scans.evidence import build_evidence
+from skipnet.scans.range_image import build_range_image
 from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.skipmap import build_skipmap
 
@@ -37,7 +38,8 @@ def shift(direction):
 
 def evidence_of(points_m):
     skipmap = build_skipmap(points_m, VOXEL_M, np.zeros(3))
-    evidence = build_evidence(skipmap, points_m, np.random.default_rng(0))
+    image = build_range_image(points_m, np.zeros(3))
+    evidence = build_evidence(skipmap, image, np.random.default_rng(0))
     return evidence.valued(voxel_worth(skipmap, find_planes(skipmap)))
 
 
@@ -82,9 +84,7 @@ def test_a_ball_on_a_ball_turns_freely_about_its_middle_and_one_with_a_bump_does
         fine = refine(np.eye(4)[None], [(scans[0], scans[1])])
         share, motions = holds_against(fine.information[0], fine.matched[0], fine.spread_m[0])
         held.append(share)
-        evidence = [
-            build_evidence(scan, scan.centroids_m, np.random.default_rng(0)) for scan in scans
-        ]
+        evidence = [build_evidence(scan, None, np.random.default_rng(0)) for scan in scans]
         case = fine.T_target_source[0], fine.centre_m[0], Judge(*evidence, *HOW)
         free = [moves_freely(motion, *case) for motion in motions]
         if bump_m == 0:

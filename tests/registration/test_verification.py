@@ -26,7 +26,8 @@ EYE = np.eye(4)[None]
 def evidence_of(points_m, viewpoint_m=(0.0, 0, 0), weights=None, trust=1.0):
     viewpoint_m = None if viewpoint_m is None else np.asarray(viewpoint_m, float)
     skipmap = build_skipmap(points_m, VOXEL_M, viewpoint_m)
-    evidence = build_evidence(skipmap, points_m, np.random.default_rng(0), trust=trust)
+    image = None if viewpoint_m is None else build_range_image(points_m, viewpoint_m)
+    evidence = build_evidence(skipmap, image, np.random.default_rng(0), trust)
     return evidence if weights is None else evidence.weighing(weights(skipmap))
 
 

@@ -56,7 +56,7 @@ def test_the_first_voxels_of_a_weighted_sample_stand_for_all():
     plain, weighted = values.mean(), (values * worth).sum() / worth.sum()
     estimates = []
     for seed in range(300):
-        evidence = build_evidence(skipmap, points_m, np.random.default_rng(seed)).valued(worth)
+        evidence = build_evidence(skipmap, None, np.random.default_rng(seed)).valued(worth)
         np.testing.assert_allclose(evidence.weights, worth[evidence.order], rtol=1e-6)
         assert (np.diff(evidence.arrivals) >= 0).all()
         shares = evidence.shares(200)
@@ -70,7 +70,7 @@ def test_all_voxels_stand_for_themselves():
     points_m = sampled(20_000, [-2, -2, 0.0], [2, 2, 0.1])
     skipmap = build_skipmap(points_m, VOXEL_M)
     worth = np.linspace(0.1, 1.0, len(skipmap))
-    evidence = build_evidence(skipmap, points_m, np.random.default_rng(0)).valued(worth)
+    evidence = build_evidence(skipmap, None, np.random.default_rng(0)).valued(worth)
     by_number, by_worth = evidence.shares(len(skipmap))
     np.testing.assert_allclose(by_number, 1 / len(skipmap), rtol=1e-5)
     np.testing.assert_allclose(by_worth, worth[evidence.order] / worth.sum(), rtol=1e-5)

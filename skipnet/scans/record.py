@@ -1,0 +1,86 @@
+"""What is kept of a described scan: plain arrays, one file of them."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from skipnet.scans.range_image import RangeImage
+from skipnet.skipmap.moments import Moments
+from skipnet.skipmap.tree import SkipTree
+from skipnet.storage import replacing
+from skipnet.types import FloatArray
+
+FORMAT = 1
+"""Of the files; another number when the same points would be described otherwise."""
+_NOWHERE = np.full(3, np.nan)
+_UNSEEN = np.zeros((0, 0), dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What has to be kept of a scan: plain arrays, from which all the rest follows, bit for bit."""
+
+    T_given_own: FloatArray
+    """(4, 4) from the scan's own frame, in which all the rest is, to the frame it was given in."""
+    strays: int
+    """Points left out of all the rest because they lie far from all others."""
+    fine_tree: SkipTree
+    """All voxels of half the size, effective or not."""
+    range_image: RangeImage | None
+    """How far the sensor saw; None when its place is unknown, or not to be trusted at all."""
+    trust: float
+    """What the evidence of the sensor's place is worth: 0 when it is unknown, to 1."""
+    seed: int
+    """Of the order in which the judge samples voxels."""
+
+
+def write_record(record: Record, path: Path) -> None:
+    """Write what is kept of a scan, as named arrays without objects."""
+    tree, image = record.fine_tree, record.range_image
+    with replacing(path) as temporary:
+        np.savez(
+            temporary,
+            format=FORMAT,
+            T_given_own=record.T_given_own,
+            strays=record.strays,
+            voxel_size_m=tree.voxel_size_m,
+            origin_m=tree.origin_m,
+            keys=tree.keys,
+            sums=tree.moments.sums,
+            viewpoint_m=_NOWHERE if image is None else image.viewpoint_m,
+            nearest_m=_UNSEEN if image is None else image.nearest_m,
+            trust=record.trust,
+            seed=record.seed,
+        )
+
+
+def read_record(path: Path) -> Record:
+    """Read what ``write_record`` wrote.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: a file that is damaged, or of another format.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            part = {name: file[name] for name in file.files}
+        if part["format"] != FORMAT:
+            raise ValueError(f"format {part['format']}, expected {FORMAT}")
+        tree = SkipTree(
+            float(part["voxel_size_m"]), part["origin_m"], part["keys"], Moments(part["sums"])
+        )
+        seen = RangeImage(part["viewpoint_m"], part["nearest_m"])
+        return Record(
+            T_given_own=part["T_given_own"],
+            strays=int(part["strays"]),
+            fine_tree=tree,
+            range_image=seen if len(seen.nearest_m) else None,
+            trust=float(part["trust"]),
+            seed=int(part["seed"]),
+        )
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no described scan: {error}") from error
