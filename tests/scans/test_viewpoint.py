@@ -69,7 +69,7 @@ def test_the_corner_of_a_map_that_nobody_stood_at_is_not_believed(family):
     corner_m = map_m.min(axis=0)
     assert trust_in(map_m, 0.2, corner_m) < 0.1
     (described,) = describe([map_m - corner_m], ["auto"])
-    assert described.viewpoint_m is None and described.trust < 0.1
+    assert described.viewpoint_m is None and described.record.trust < 0.1
 
 
 def test_a_surface_seen_edge_on_has_no_known_side():
