@@ -97,7 +97,9 @@ def register(config: RegisterConfig) -> Registration | Assembly:
     )
     folder = Path(config.output_dir)
     if config.scans:
-        return files.register_scan_files(find_scans(config.scans), folder, choices)
+        from skipnet.results.many import register_scan_files
+
+        return register_scan_files(find_scans(config.scans), folder, choices)
     if pair:
         return files.register_pair_files(pair[0], pair[1], folder, choices)
     return files.register_simulated_pair(folder, choices)

@@ -13,6 +13,7 @@ from skipnet.clouds.formats.writing import write_cloud, write_scans
 from skipnet.geometry import make_transform, transform_points
 from skipnet.results import files
 from skipnet.results.inputs import find_scans, read_given
+from skipnet.results.many import register_scan_files
 from skipnet.results.views import words_of
 from skipnet.simulation.scanning.pairs import simulate_pair
 
@@ -81,7 +82,7 @@ def test_an_e57_of_two_scans_is_registered_and_merged_with_its_poses(tmp_path, p
     ]
     write_scans(tmp_path / "site.e57", scans)
     choices = files.Choices()
-    result = files.register_scan_files([tmp_path / "site.e57"], tmp_path / "out", choices)
+    result = register_scan_files([tmp_path / "site.e57"], tmp_path / "out", choices)
     assert result.outcome == "registered" and result.groups == [[0, 1]]
     merged = read_scans(tmp_path / "out" / "merged.e57")
     assert [len(scan) for scan in merged] == [len(scan) for scan in scans]

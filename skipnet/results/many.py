@@ -1,0 +1,123 @@
+"""Many scans from files to files: read, brought together, written group by group."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skipnet.clouds.cloud import Cloud
+from skipnet.results.clouds import output_names, write_merged
+from skipnet.results.files import Choices, announce
+from skipnet.results.folder import new_results
+from skipnet.results.inputs import Given, check_not_overwritten, read_given_scans
+from skipnet.results.plan import plan_of
+from skipnet.results.project import poses_json, scans_page
+from skipnet.results.views import placed_viewer
+from skipnet.skipmap.tree import points_of
+from skipnet.storage import write_bytes, write_text
+from skipnet.types import FloatArray
+
+if TYPE_CHECKING:
+    from skipnet.projects.assembly import Assembly
+
+SCANS_OUTPUTS = ("poses.json", "scans.png", "report.html")
+MAX_PLANS = 4
+"""Groups of which the plan is drawn."""
+LONG_STAGE = 20
+"""Pairs from which on progress is told."""
+
+
+def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choices) -> Assembly:
+    """Bring many scans together; write ``SCANS_OUTPUTS`` and a merged cloud of each group.
+
+    Pairs are kept in ``output_dir/pairs`` as they are searched: a run that was ended goes on where
+    it was. A file may hold several scans. Every scan's viewpoint is the file's or found out; those
+    of ``choices`` are for pairs.
+
+    Raises:
+        FileNotFoundError: an input is missing; nothing has been written.
+        ValueError: an input is no point cloud, or would be overwritten; nothing has been written.
+    """
+    names = output_names("merged", paths, choices.format)
+    check_not_overwritten(paths, output_dir, [*SCANS_OUTPUTS, *names])
+    scans = read_given_scans(paths, choices.unit)
+    from skipnet.projects.project import register_many
+
+    result = register_many(
+        [scan.points_m for scan in scans],
+        viewpoints=[scan.viewpoint("auto") for scan in scans],
+        voxel_size_m=choices.voxel_size_m,
+        seed=choices.seed,
+        config=choices.registration,
+        folder=output_dir,
+        progress=_tell,
+    )
+    labels = [scan.cloud.name for scan in scans]
+    with new_results(output_dir) as folder:
+        view, png = _write_groups(scans, result, folder, names, choices)
+        page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
+        write_text(folder / "report.html", page)
+        write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
+    announce(result.outcome, result.reason, scans, output_dir)
+    return result
+
+
+def _tell(stage: str, done: int, of: int) -> None:
+    """A line on the terminal at every tenth of a long stage."""
+    if of >= LONG_STAGE and done and (10 * done) // of > (10 * (done - 1)) // of:
+        print(f"{stage}: {done} of {of}", flush=True)
+
+
+def _write_groups(
+    scans: Sequence[Given],
+    result: Assembly,
+    output_dir: Path,
+    names: Sequence[str],
+    choices: Choices,
+) -> tuple[str, bytes]:
+    """Write a merged cloud of each group and a picture of the largest.
+
+    Returns:
+        The largest group in 3-D, as HTML, and its picture.
+    """
+    from matplotlib.colors import to_rgb
+
+    from skipnet.viz.colours import scan_colour
+    from skipnet.viz.pictures import draw_scans
+    from skipnet.viz.views import png_bytes
+
+    large = [group for group in result.groups if len(group) > 1] or result.groups[:1]
+    for number, group in enumerate(large):
+        placed = [_placed(scans[scan], result.T_group_scan[scan]) for scan in group]
+        tints = [np.multiply(to_rgb(scan_colour(index)), 255) for index in range(len(placed))]
+        own = [_numbered(name, number) for name in names]
+        write_merged(placed, tints, choices.colour_by_scan, output_dir, own)
+        if number == 0:
+            labels = [f"{scan}: {Path(scans[scan].cloud.name).name}" for scan in group]
+            view = placed_viewer(placed, labels)
+            png = png_bytes(draw_scans([cloud.points_m for cloud in placed], labels))
+    write_bytes(output_dir / "scans.png", png)
+    return view, png
+
+
+def _numbered(name: str, group: int) -> str:
+    """``merged.ply`` of the largest group, ``merged_1.ply`` of the next."""
+    path = Path(name)
+    return name if group == 0 else f"{path.stem}_{group}{path.suffix}"
+
+
+def _placed(scan: Given, T_group_scan: FloatArray) -> Cloud:
+    cloud = Cloud(points_of(scan.points_m)) if scan.is_large else scan.cloud
+    return cloud.moved(T_group_scan)
+
+
+def _plan(scans: Sequence[Given], result: Assembly) -> bytes:
+    """The picture of the groups from above with their links."""
+    from skipnet.viz.plans import draw_plans
+    from skipnet.viz.views import png_bytes
+
+    large = [group for group in result.groups if len(group) > 1] or result.groups[:1]
+    return png_bytes(draw_plans([plan_of(scans, result, group) for group in large[:MAX_PLANS]]))
