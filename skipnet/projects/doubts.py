@@ -1,0 +1,232 @@
+"""What may be wrong with groups: scans that would fit elsewhere, links that stand alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from skipnet.geometry import invert
+from skipnet.projects.groups import (
+    SAME_VOXELS,
+    Group,
+    Joiner,
+    PairKey,
+    Standards,
+    Way,
+    merit,
+    rivals,
+)
+from skipnet.projects.witness import MIN_OVERLAP, leaders
+from skipnet.types import FloatArray
+
+STRICT = Standards(limit=0.0025, rival_support=0.4)
+"""Right poses of still simulated scans stay under .0015 with all scans around in their places, and
+wrong ones in alike rooms reach .003 and more (floors with seeds from 300000)."""
+LENIENT = Standards(limit=0.0125, rival_support=0.65, min_votes=2)
+"""Where what pairs say holds throughout: outdoors right poses of real scans reach .009."""
+RELIABLE = 0.9
+"""Share of the registered pairs that must hold for single ones to be believed."""
+CLEARLY_BETTER = 1.1
+"""A place that is worth this many times more than the present one is better."""
+MAX_ROUNDS = 5
+REMAINING_RIVAL = 0.3
+"""In the end a second place with this share of the support leaves a scan in doubt."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Groups of scans, the largest first, and what is in doubt."""
+
+    groups: list[Group]
+    """Those of one scan included."""
+    places: Mapping[int, list[FloatArray]]
+    """Of every scan in doubt, where it may stand, the likeliest first: (4, 4) poses of its own
+    frame in that of the group ``host`` ..."""
+    host: Mapping[int, int]
+    """... whose lowest scan number this is."""
+    reliability: float
+    """Share of the registered pairs that hold, of those that could be told."""
+
+
+class Arbiter:
+    """Decides which scans belong together."""
+
+    def __init__(self, joiner: Joiner) -> None:
+        self._joiner = joiner
+
+    def decide(self, scans: Iterable[int]) -> Decision:
+        """Groups from what pairs proposed, and what is in doubt."""
+        scans = list(scans)
+        groups = self._repaired(self._grown(scans, STRICT), STRICT)
+        reliability = self.reliability(groups)
+        standards = STRICT
+        if reliability >= RELIABLE:
+            votes = LENIENT.min_votes if len(scans) > 2 else 1
+            standards = Standards(LENIENT.limit, LENIENT.rival_support, votes)
+            strict = Standards(STRICT.limit, LENIENT.rival_support, believes_one=True)
+            groups = self._joiner.grow(groups, strict)
+            groups = self._joiner.grow(groups, standards)
+            reliability = self.reliability(groups)
+        groups = self._undoubted(groups, standards, reliability)
+        return self._with_places(groups, standards, reliability)
+
+    def reliability(self, groups: list[Group]) -> float:
+        """Share of the registered pairs that hold, of those that can be told; 1 for none."""
+        of_scan = {scan: group for group in groups for scan in group.poses}
+        held, refuted = 0, 0
+        for key, pair in self._joiner.proposals.items():
+            if pair.confidence == 0:
+                continue
+            first, second = of_scan[key[0]], of_scan[key[1]]
+            if first is second:
+                holds = bool(self._joiner.proposed(first, key)[0])
+                held, refuted = held + holds, refuted + (not holds)
+            else:
+                ways = self._joiner.ways(*sorted((first, second), key=lambda g: g.scans))
+                own = [way for way in ways if key in way.voters and way.trust > 0]
+                refuted += all(way.contradiction > LENIENT.limit for way in own)
+        return held / (held + refuted) if held + refuted else 1.0
+
+    def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
+        return self._joiner.grow((Group.single(scan) for scan in scans), standards)
+
+    def _repaired(self, groups: list[Group], standards: Standards) -> list[Group]:
+        """Take out scans that may stand wrong, let the others grow, put them back last."""
+        suspects: set[int] = set()
+        for _ in range(MAX_ROUNDS):
+            fresh = {s for group in groups for s in self._suspects(group, standards)} - suspects
+            if not fresh:
+                break
+            suspects |= fresh
+            for late in [fresh, suspects, *({scan} for scan in sorted(fresh))]:
+                trial = self._regrown(groups, late, standards)
+                if merit(trial) > merit(groups) + 1e-6:
+                    groups = trial
+        return groups
+
+    def _regrown(self, groups: list[Group], late: set[int], standards: Standards) -> list[Group]:
+        """The groups anew, some scans put in last; groups that have none of them stay."""
+        early = [group for group in groups if not late & set(group.poses)]
+        torn = {scan for group in groups if late & set(group.poses) for scan in group.poses}
+        early += [Group.single(scan) for scan in torn - late]
+        grown = self._joiner.grow(early, standards)
+        return self._joiner.grow([*grown, *(Group.single(scan) for scan in late)], standards)
+
+    def _suspects(self, group: Group, standards: Standards) -> list[int]:
+        """Scans that fewer than two pairs put where they are, or that fit better elsewhere."""
+        if len(group.poses) < 2:
+            return []
+        return [
+            scan
+            for scan in group.scans
+            if len(self._joiner.voters(group, scan)) < 2
+            or self._has_better(group, scan, standards.limit)
+        ]
+
+    def _has_better(self, group: Group, scan: int, limit: float) -> bool:
+        here, others = self._places(group, scan)
+        return any(way.worth(limit) > CLEARLY_BETTER * here.worth(limit) for way in others)
+
+    def _places(self, group: Group, scan: int) -> tuple[Way, list[Way]]:
+        """Where a scan stands among the others of its group, and where else it might."""
+        rest, alone = group.without(scan), Group.single(scan)
+        T = group.poses[scan]
+        said = self._joiner.witness.all_pairs(rest.poses, alone.poses, T[None])
+        ways = self._joiner.ways(rest, alone)
+        stack = np.concatenate([T[None], *(way.T[None] for way in ways)])
+        witness = self._joiner.witness
+        size_m = SAME_VOXELS * witness.voxel_size_m
+        is_here = leaders(stack, witness.centres_m[scan], size_m)[1:] == 0
+        here = Way(
+            T,
+            self._joiner.voters(group, scan),
+            0.0,
+            float(said.support[0]),
+            float(said.contradiction[0]),
+            int(said.witnesses[0]),
+        )
+        return here, [way for way, same in zip(ways, is_here, strict=True) if not same]
+
+    def _undoubted(
+        self, groups: list[Group], standards: Standards, reliability: float
+    ) -> list[Group]:
+        """The groups without the scans that would fit elsewhere, cut where one link holds them."""
+        is_reliable = reliability >= RELIABLE
+        final = standards if is_reliable else Standards(standards.limit, REMAINING_RIVAL)
+        kept = []
+        for group in groups:
+            sure = [s for s in group.scans if not self._is_torn(group, s, final)]
+            doubtful = set(group.scans) - set(sure)
+            for part in self._parts(group, sure, reliability):
+                kept.append(Group({scan: group.poses[scan] for scan in part}))
+            kept += [Group.single(scan) for scan in sorted(doubtful)]
+        return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
+
+    def _is_torn(self, group: Group, scan: int, standards: Standards) -> bool:
+        if len(group.poses) < 3:
+            return False
+        here, others = self._places(group, scan)
+        return len(rivals([here, *others], standards)) > 1
+
+    def _parts(self, group: Group, scans: list[int], reliability: float) -> list[list[int]]:
+        """The scans that hang together; where pairs are not reliable, by more than one link."""
+        edges = [
+            (a, b)
+            for a, b in combinations(scans, 2)
+            if self._joiner.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0]
+            >= MIN_OVERLAP
+        ]
+        if reliability < RELIABLE:
+            edges = without_bridges(edges)
+        return components(scans, edges)
+
+    def _with_places(
+        self, groups: list[Group], standards: Standards, reliability: float
+    ) -> Decision:
+        """What is known of the scans that stand alone."""
+        places: dict[int, list[FloatArray]] = {}
+        host: dict[int, int] = {}
+        for lone in [group for group in groups if len(group.poses) == 1]:
+            options = []
+            for group in groups:
+                if group is lone or (len(group.poses) == 1 and group.scans > lone.scans):
+                    continue
+                fitting = rivals(self._joiner.ways(group, lone), standards)
+                options.append((sum(way.worth(standards.limit) for way in fitting[:1]), group, fitting))
+            worth, group, fitting = max(options, key=lambda o: o[0], default=(0.0, lone, []))
+            if worth > 0:
+                places[lone.scans[0]] = [way.T for way in fitting]
+                host[lone.scans[0]] = group.scans[0]
+        return Decision(groups, places, host, reliability)
+
+
+def components(nodes: Iterable[int], edges: Iterable[PairKey]) -> list[list[int]]:
+    """Connected components, the largest first.
+
+    >>> components([0, 1, 2, 3], [(1, 3)])
+    [[1, 3], [0], [2]]
+    """
+    root = {node: node for node in nodes}
+    for a, b in edges:
+        low, high = sorted((root[a], root[b]))
+        root = {node: low if r == high else r for node, r in root.items()}
+    parts = [[n for n in root if root[n] == r] for r in sorted(set(root.values()))]
+    return sorted((sorted(part) for part in parts), key=lambda part: (-len(part), part))
+
+
+def without_bridges(edges: list[PairKey]) -> list[PairKey]:
+    """The edges that lie on a loop.
+
+    >>> without_bridges([(0, 1), (1, 2), (0, 2), (2, 3)])
+    [(0, 1), (1, 2), (0, 2)]
+    """
+    nodes = {node for edge in edges for node in edge}
+    count = len(components(nodes, edges))
+    return [
+        edge
+        for edge in edges
+        if len(components(nodes, [other for other in edges if other != edge])) == count
+    ]
