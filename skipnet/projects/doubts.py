@@ -190,16 +190,19 @@ class Arbiter:
         places: dict[int, list[FloatArray]] = {}
         host: dict[int, int] = {}
         for lone in [group for group in groups if len(group.poses) == 1]:
-            options = []
-            for group in groups:
-                if group is lone or (len(group.poses) == 1 and group.scans > lone.scans):
-                    continue
-                fitting = rivals(self._joiner.ways(group, lone), standards)
-                options.append((sum(way.worth(standards.limit) for way in fitting[:1]), group, fitting))
-            worth, group, fitting = max(options, key=lambda o: o[0], default=(0.0, lone, []))
-            if worth > 0:
-                places[lone.scans[0]] = [way.T for way in fitting]
-                host[lone.scans[0]] = group.scans[0]
+            scan = lone.scans[0]
+            others = [g for g in groups if len(g.poses) > 1 or g.scans[0] < scan]
+            fitting = [
+                (group, rivals(self._joiner.ways(group, lone), standards)) for group in others
+            ]
+            best = max(
+                ((ways[0].worth(standards.limit), group, ways) for group, ways in fitting if ways),
+                key=lambda option: option[0],
+                default=None,
+            )
+            if best is not None:
+                places[scan] = [way.T for way in best[2]]
+                host[scan] = best[1].scans[0]
         return Decision(groups, places, host, reliability)
 
 

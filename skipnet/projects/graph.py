@@ -20,9 +20,10 @@ Poses = Mapping[int, FloatArray]
 """Per placed scan its (4, 4) pose in the frame of its group's first scan."""
 TYPICAL_SQUARE = 5.35
 """Median of chi squared with six degrees of freedom, which scales links that claim too much."""
-FARTHEST_SQUARE = 22.5
-"""Its 99.9 % point: links that deviate by more have no say."""
-GROWTH = 1.6
+FARTHEST_SQUARE = 50.0
+"""Links that deviate by more have no say. Chance gives one of a hundred million; half as much would
+be chance enough, were the median not that of residuals, which loops make smaller than errors."""
+GROWTH = 1.4
 """By which the kernel becomes less convex at each round."""
 MAX_ROUNDS = 60
 MAX_STEPS = 8
@@ -57,11 +58,11 @@ class Link:
 class Balance:
     """Balanced poses and what they rest on."""
 
-    poses: dict[int, FloatArray]
+    poses: Mapping[int, FloatArray]
     """(4, 4) per scan; the first one stays where it was."""
-    weights: dict[PairKey, float]
+    weights: Mapping[PairKey, float]
     """Of each link: 1 it has its full say, 0 it contradicts the others and has none."""
-    covariances: dict[int, FloatArray]
+    covariances: Mapping[int, FloatArray]
     """(6, 6) per scan of (rotation, translation) about its own origin, group axes, scaled by how
     well the links agree; 0 for the first."""
 
@@ -84,10 +85,10 @@ def balance(poses: Poses, links: Mapping[PairKey, Link]) -> Balance:
         poses: where to start from; the lowest number stays.
         links: between these scans; together they connect them.
     """
+    if not links:
+        return Balance(dict(poses), {}, dict.fromkeys(poses, np.zeros((6, 6))))
     graph = _Graph(dict(poses), dict(links))
-    if not links or len(poses) < 2:
-        return Balance(graph.poses, {}, dict.fromkeys(poses, np.zeros((6, 6))))
-    weights = np.ones(len(links))
+    weights: FloatArray = np.ones(len(links))
     for _ in range(MAX_STEPS):
         if graph.step(weights) < _STILL:
             break
@@ -171,7 +172,7 @@ class _Graph:
         scale = max(1.0, _scale(squares)) if len(squares) else 1.0
         matrix, _ = self._normal_equations(weights)
         solver = splu(matrix)
-        result = {min(self.poses): np.zeros((6, 6))}
+        result: dict[int, FloatArray] = {min(self.poses): np.zeros((6, 6))}
         for scan, row in self._row.items():
             if row > 0:
                 unit = np.zeros((matrix.shape[0], 6))

@@ -145,12 +145,8 @@ class Joiner:
             joined = join(*_both(left, key), way)
             del left[key[1]]
             left[key[0]] = joined
-            open_joins = {
-                k: way for k, way in open_joins.items() if not {*k} & {*key}
-            } | {
-                k: self.decided(*_both(left, k), standards)
-                for k in _pairs(left)
-                if key[0] in k
+            open_joins = {k: way for k, way in open_joins.items() if not {*k} & {*key}} | {
+                k: self.decided(*_both(left, k), standards) for k in _pairs(left) if key[0] in k
             }
 
     def decided(self, first: Group, second: Group, standards: Standards) -> Way | None:
@@ -216,7 +212,8 @@ class Joiner:
     def _across(
         self, key: PairKey, T_first_a: FloatArray, T_second_b: FloatArray, is_turned: bool
     ) -> tuple[FloatArray, FloatArray, FloatArray, PairKey]:
-        """Poses of the second group in the first's frame that one pair proposes; trusts, weights."""
+        """Poses of the second group in the first's frame that one pair proposes, with trusts,
+        weights, and the pair."""
         pair = self.proposals[key]
         T_a_b = invert(pair.T_target_source) if is_turned else pair.T_target_source
         trust = np.zeros(len(T_a_b))
@@ -280,6 +277,4 @@ def _both(left: Mapping[int, Group], key: tuple[int, int]) -> tuple[Group, Group
 
 
 def _signature(group: Group) -> bytes:
-    return b"".join(
-        scan.to_bytes(4, "big") + group.poses[scan].tobytes() for scan in group.scans
-    )
+    return b"".join(scan.to_bytes(4, "big") + group.poses[scan].tobytes() for scan in group.scans)

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from skipnet.projects.graph import Balance, Link, PairKey, balance, relative
+from skipnet.projects.graph import Balance, Link, PairKey, Poses, balance, relative
 from skipnet.projects.groups import Group
 from skipnet.projects.witness import MIN_OVERLAP, Witness
 from skipnet.registration.alignment.refinement import Refinement, refine
@@ -20,7 +20,9 @@ MAX_SHIFT_VOXELS = 1.5
 """Alignment that moves a pair farther has lost hold of it."""
 
 
-def settled(group: Group, scans: Sequence[Scan], witness: Witness) -> tuple[Balance, dict[PairKey, Link]]:
+def settled(
+    group: Group, scans: Sequence[Scan], witness: Witness
+) -> tuple[Balance, dict[PairKey, Link]]:
     """Final poses of a group's scans, and the links that they rest on.
 
     Every round aligns each overlapping pair by itself, from where the group puts it, and balances
@@ -28,7 +30,7 @@ def settled(group: Group, scans: Sequence[Scan], witness: Witness) -> tuple[Bala
     """
     first = group.scans[0]
     T_first_group = np.linalg.inv(group.poses[first])
-    poses = {scan: T_first_group @ group.poses[scan] for scan in group.scans}
+    poses: Poses = {scan: T_first_group @ group.poses[scan] for scan in group.scans}
     keys = overlapping(poses, witness)
     links: dict[PairKey, Link] = {}
     result = Balance(poses, {}, {})

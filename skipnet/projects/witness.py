@@ -3,7 +3,7 @@ contradicted. One question takes about a millisecond."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,10 +50,10 @@ class Witness:
     def __init__(self, evidence: Sequence[Evidence]) -> None:
         self._evidence = evidence
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
-        self.centres_m = [one.centre_m for one in evidence]
+        self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
         self.voxel_size_m = evidence[0].voxel_size_m
         self._reach_m = [
-            float(np.linalg.norm(one.points_m - centre_m, axis=1).max())
+            float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
             for one, centre_m in zip(evidence, self.centres_m, strict=True)
         ]
 
@@ -80,8 +80,8 @@ class Witness:
 
     def all_pairs(
         self,
-        targets: dict[int, FloatArray],
-        sources: dict[int, FloatArray],
+        targets: Mapping[int, FloatArray],
+        sources: Mapping[int, FloatArray],
         T_targets_sources: FloatArray,
     ) -> Testimony:
         """What every scan of one group says of every scan of another.

@@ -109,12 +109,13 @@ def register_with_finalists(
         T_target_source_coarse=answer.T_target_source_coarse,
         status=answer.verdict.status,
         confidence=answer.verdict.confidence,
-        reason=answer.verdict.reason,
+        reason=_with_strays(answer.verdict.reason, source.strays + target.strays),
         voxel_size_m=source.skipmap.voxel_size_m,
         source=_facts(source),
         target=_facts(target),
         findings=answer.findings,
         timings_s=clock.seconds,
+        network=source.network.digest,
     )
     return result, answer.finalists
 
