@@ -35,7 +35,7 @@ def assemble(
         timings_s: so far; the dictionary is kept.
     """
     groups = [group.scans for group in decision.groups]
-    balances = [settled(group, scans, joiner.witness) for group in decision.groups]
+    balances = [settled(group, scans, joiner) for group in decision.groups]
     T_group_scan: list[FloatArray] = [np.eye(4)] * len(scans)
     deviations = [(0.0, 0.0)] * len(scans)
     links: dict[PairKey, FinalLink] = {}

@@ -19,10 +19,11 @@ from skipnet.projects.groups import (
     merit,
     rivals,
 )
+from skipnet.projects.motions import rival_split
 from skipnet.projects.witness import MIN_OVERLAP, leaders
 from skipnet.types import FloatArray
 
-STRICT = Standards(limit=0.0025, rival_support=0.4)
+STRICT = Standards(limit=0.0018, rival_support=0.4)
 """Right poses of still simulated scans stay under .0015 with all scans around in their places, and
 wrong ones in alike rooms reach .003 and more (floors with seeds from 300000)."""
 LENIENT = Standards(limit=0.0125, rival_support=0.65, min_votes=2)
@@ -32,6 +33,9 @@ RELIABLE = 0.9
 CLEARLY_BETTER = 1.1
 """A place that is worth this many times more than the present one is better."""
 MAX_ROUNDS = 5
+TWIN_OVERLAP = 0.9
+"""Where much looks alike, two scans of which more agrees may be of two rooms furnished alike: then
+nothing tells which of them is where."""
 REMAINING_RIVAL = 0.3
 """In the end a second place with this share of the support leaves a scan in doubt."""
 
@@ -156,14 +160,27 @@ class Arbiter:
         """The groups without the scans that would fit elsewhere, cut where one link holds them."""
         is_reliable = reliability >= RELIABLE
         final = standards if is_reliable else Standards(standards.limit, REMAINING_RIVAL)
-        kept = []
-        for group in groups:
+        kept, left = [], list(groups)
+        while left:
+            group = left.pop()
             sure = [s for s in group.scans if not self._is_torn(group, s, final)]
+            if not is_reliable:
+                sure = [s for s in sure if s not in self._twins(group)]
             doubtful = set(group.scans) - set(sure)
-            for part in self._parts(group, sure, reliability):
-                kept.append(Group({scan: group.poses[scan] for scan in part}))
             kept += [Group.single(scan) for scan in sorted(doubtful)]
+            for part in self._parts(group, sure, reliability):
+                rest = Group({scan: group.poses[scan] for scan in part})
+                split = rival_split(rest, self._joiner, final) if len(part) > 1 else None
+                if split is None:
+                    kept.append(rest)
+                else:
+                    left += [Group({scan: rest.poses[scan] for scan in side}) for side in split]
+        kept = [group if len(group.poses) > 1 else Group.single(group.scans[0]) for group in kept]
         return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
+
+    def _twins(self, group: Group) -> set[int]:
+        """Scans that see the same as another one: of the same room, or of one furnished alike."""
+        return {scan for key in self._edges(group, group.scans, TWIN_OVERLAP) for scan in key}
 
     def _is_torn(self, group: Group, scan: int, standards: Standards) -> bool:
         if len(group.poses) < 3:
@@ -173,15 +190,19 @@ class Arbiter:
 
     def _parts(self, group: Group, scans: list[int], reliability: float) -> list[list[int]]:
         """The scans that hang together; where pairs are not reliable, by more than one link."""
-        edges = [
-            (a, b)
-            for a, b in combinations(scans, 2)
-            if self._joiner.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0]
-            >= MIN_OVERLAP
-        ]
+        edges = self._edges(group, scans, MIN_OVERLAP)
         if reliability < RELIABLE:
             edges = without_bridges(edges)
         return components(scans, edges)
+
+    def _edges(self, group: Group, scans: list[int], least: float) -> list[PairKey]:
+        """Pairs of which so much agrees."""
+        return [
+            (a, b)
+            for a, b in combinations(scans, 2)
+            if self._joiner.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0]
+            >= least
+        ]
 
     def _with_places(
         self, groups: list[Group], standards: Standards, reliability: float

@@ -35,13 +35,17 @@ class Testimony:
     """Sum over the pairs of the share of both scans' surfaces that agree."""
     excess: FloatArray
     """Sum over the pairs of the share that contradicts seen free space, beyond stray voxels."""
+    worst: FloatArray
+    """Largest excess of a single pair."""
     witnesses: IntArray
     """Pairs of which a share agrees that is worth mentioning."""
 
     @property
     def contradiction(self) -> FloatArray:
-        """What contradicts as a share of what can be compared, 0 to 1."""
-        return self.excess / (self.support + LITTLE_OVERLAP)
+        """What contradicts, 0 to 1: of all that can be compared, or in a single pair."""
+        pooled = self.excess / (self.support + LITTLE_OVERLAP)
+        worst: FloatArray = np.maximum(pooled, self.worst)
+        return worst
 
 
 class Witness:
@@ -67,14 +71,17 @@ class Witness:
                 self._said[keys[row]] = figures
         return np.array([self._said[key] for key in keys]).reshape(-1, 2).T
 
+    def judge(self, target: int, source: int) -> Judge:
+        """The judge of one pair."""
+        return Judge(self._evidence[source], self._evidence[target], SAMPLES, _WEIGHT)
+
     def _ask(self, target: int, source: int, T_target_source: FloatArray) -> FloatArray:
         result = np.zeros((2, len(T_target_source)))
         there_m = T_target_source[:, :3, :3] @ self.centres_m[source] + T_target_source[:, :3, 3]
         apart_m = np.linalg.norm(there_m - self.centres_m[target], axis=1)
         near = np.flatnonzero(apart_m < self._reach_m[target] + self._reach_m[source])
         if len(near):
-            both = self._evidence[source], self._evidence[target]
-            score = Judge(*both, SAMPLES, _WEIGHT).score(T_target_source[near])
+            score = self.judge(target, source).score(T_target_source[near])
             result[:, near] = score.overlap, score.violation
         return result
 
@@ -91,16 +98,18 @@ class Witness:
             sources: likewise.
             T_targets_sources: (C, 4, 4) candidates for how the groups lie to each other.
         """
-        support, excess = np.zeros((2, len(T_targets_sources)))
+        support, excess, worst = np.zeros((3, len(T_targets_sources)))
         witnesses = np.zeros(len(T_targets_sources), dtype=np.int64)
         for a, T_group_a in targets.items():
             for b, T_group_b in sources.items():
                 T_a_b = invert(T_group_a) @ T_targets_sources @ T_group_b
                 overlap, violation = self.pair(a, b, T_a_b)
                 support += overlap
-                excess += np.maximum(violation - STRAY_SHARE, 0.0)
+                beyond = np.maximum(violation - STRAY_SHARE, 0.0)
+                excess += beyond
+                worst = np.maximum(worst, beyond)
                 witnesses += overlap >= MIN_OVERLAP
-        return Testimony(support, excess, witnesses)
+        return Testimony(support, excess, worst, witnesses)
 
 
 def leaders(
