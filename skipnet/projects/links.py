@@ -42,18 +42,14 @@ def settled(
     result = Balance(poses, {}, {})
     for _ in range(ROUNDS):
         links = {
-            key: link
-            for key in keys
-            if (link := _measured(key, poses, scans, joiner)) is not None
+            key: link for key in keys if (link := _measured(key, poses, scans, joiner)) is not None
         }
         result = balance(poses, links)
         poses = result.poses
     return result, links
 
 
-def _measured(
-    key: PairKey, poses: Poses, scans: Sequence[Scan], joiner: Joiner
-) -> Link | None:
+def _measured(key: PairKey, poses: Poses, scans: Sequence[Scan], joiner: Joiner) -> Link | None:
     target, source = key
     own = joiner.proposed(Group(poses), key)
     others = joiner.proposals[key].T_target_source[own] if own.any() else np.zeros((0, 4, 4))
