@@ -31,8 +31,6 @@ MIN_WITNESSES = 2
 """... and this many pairs of which some agrees."""
 RIVAL_CONTRADICTION = 0.5
 """A way that contradicts by this share of the limit more than the best one is no rival."""
-WORTH_OF_LITTLE = 3.0
-"""How fast contradiction devalues support: at the limit to exp(-3)."""
 MANY_VOTES = 3
 """More pairs than this that propose a way say nothing more."""
 _OWN_VIOLATION = 0.01
@@ -61,8 +59,8 @@ class Standards:
     """Largest contradiction of a join, as a share of what can be compared."""
     rival_support: float
     """Another way to join two groups with this share of the best one's support is a rival."""
-    min_votes: int = 1
-    """Pairs that must propose a join."""
+    severity: float = 3.0
+    """How fast contradiction devalues support: at the limit to exp(-severity)."""
     believes_one: bool = False
     """Whether one pair is enough to join groups of several scans."""
 
@@ -106,13 +104,14 @@ class Way:
     witnesses: int
     """See ``Testimony``, which has these three."""
 
-    def worth(self, limit: float) -> float:
+    def worth(self, standards: Standards) -> float:
         """Support, devalued by contradiction."""
-        return self.support * float(np.exp(-WORTH_OF_LITTLE * self.contradiction / limit))
+        share = self.contradiction / standards.limit
+        return self.support * float(np.exp(-standards.severity * share))
 
-    def rank(self, limit: float) -> tuple[int, float]:
+    def rank(self, standards: Standards) -> tuple[int, float]:
         """Orders joins: more independent proposals first, then what is worth most."""
-        return min(len(self.voters), MANY_VOTES), self.worth(limit)
+        return min(len(self.voters), MANY_VOTES), self.worth(standards)
 
 
 class Joiner:
@@ -132,7 +131,7 @@ class Joiner:
         open_joins = {key: self.decided(*_both(left, key), standards) for key in _pairs(left)}
         while True:
             ranked = [
-                (way.rank(standards.limit), -key[0], -key[1])
+                (way.rank(standards), -key[0], -key[1])
                 for key, way in open_joins.items()
                 if way is not None
             ]
@@ -160,7 +159,7 @@ class Joiner:
             founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT
         elif not standards.believes_one:
             founded = len(way.voters) > 1
-        return way if founded and len(way.voters) >= standards.min_votes else None
+        return way if founded else None
 
     def ways(self, first: Group, second: Group) -> list[Way]:
         """Distinct ways to join two groups, with what all pairs of scans say of each."""
@@ -242,7 +241,7 @@ def rivals(ways: Sequence[Way], standards: Standards) -> list[Way]:
     fitting = [w for w in ways if w.support >= MIN_SUPPORT and w.contradiction <= limit]
     if not fitting:
         return []
-    best = max(fitting, key=lambda way: way.worth(limit))
+    best = max(fitting, key=lambda way: way.worth(standards))
     return [best] + [
         way
         for way in fitting

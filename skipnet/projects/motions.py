@@ -97,17 +97,18 @@ def _split(group: Group, joiner: Joiner, asking: list[_Move]) -> tuple[list[int]
     while left:
         # A pair that asks is on both sides: from those whose side is known to their partners.
         known = [pair for pair in left if side.get(pair[0]) is False or side.get(pair[1]) is True]
-        stays, moves = chosen = (known or left)[0]
-        left.remove(chosen)
-        if not known and chosen in both_ways and pull(moves) < pull(stays):
+        asked = (known or left)[0]
+        left.remove(asked)
+        stays, moves = asked
+        if not known and asked in both_ways and pull(moves) < pull(stays):
             stays, moves = moves, stays  # twice half a turn is none: either of them may move
         if not side.get(stays, False) and side.get(moves, True):
             side[stays], side[moves] = False, True
     open_scans = set(group.scans) - set(side)
     while open_scans:
-        strongest = max(sorted(open_scans), key=lambda scan: abs(pull(scan)))
-        side[strongest] = pull(strongest) > 0
-        open_scans.remove(strongest)
+        chosen = max(sorted(open_scans), key=lambda scan: abs(pull(scan)))
+        side[chosen] = pull(chosen) > 0
+        open_scans.remove(chosen)
     return [s for s in group.scans if not side[s]], [s for s in group.scans if side[s]]
 
 
