@@ -15,6 +15,8 @@ from skipnet.features.frames import level_of, runs_around, tangent_frames
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
+_Vector = tuple[float, float, float]
+
 SCALES, HEIGHTS, RADII, SECTORS = 2, 8, 6, 16
 CHANNELS = 7
 """The logarithm of the count; products along-along, outwards-outwards, around-around,
@@ -73,6 +75,37 @@ def _finish(grid: FloatArray) -> None:
 
 
 @compiled
+def _add(cell: FloatArray, there: FloatArray, axis: _Vector, out: _Vector) -> None:
+    """Count one place in its (7,) cell, and add the products of its normals along three axes.
+
+    Args:
+        cell: to add to.
+        there: (9,) row of ``around`` in ``_fill``.
+        axis: of the cylinder.
+        out: away from it, at this place.
+    """
+    a_x, a_y, a_z = axis
+    o_x, o_y, o_z = out
+    t_x, t_y, t_z = a_y * o_z - a_z * o_y, a_z * o_x - a_x * o_z, a_x * o_y - a_y * o_x
+    xx, xy, xz, yy, yz, zz = there[3], there[4], there[5], there[6], there[7], there[8]
+    na_x = xx * a_x + xy * a_y + xz * a_z
+    na_y = xy * a_x + yy * a_y + yz * a_z
+    na_z = xz * a_x + yz * a_y + zz * a_z
+    no_x = xx * o_x + xy * o_y + xz * o_z
+    no_y = xy * o_x + yy * o_y + yz * o_z
+    no_z = xz * o_x + yz * o_y + zz * o_z
+    along = na_x * a_x + na_y * a_y + na_z * a_z
+    outwards = no_x * o_x + no_y * o_y + no_z * o_z
+    cell[0] += 1
+    cell[1] += along
+    cell[2] += outwards
+    cell[3] += xx + yy + zz - along - outwards
+    cell[4] += na_x * o_x + na_y * o_y + na_z * o_z
+    cell[5] += na_x * t_x + na_y * t_y + na_z * t_z
+    cell[6] += no_x * t_x + no_y * t_y + no_z * t_z
+
+
+@compiled
 def _fill(
     grids: FloatArray,
     middle: FloatArray,
@@ -115,23 +148,5 @@ def _fill(
                 o_x = cosine * frames[k, 0, 1] + sine * frames[k, 0, 2]
                 o_y = cosine * frames[k, 1, 1] + sine * frames[k, 1, 2]
                 o_z = cosine * frames[k, 2, 1] + sine * frames[k, 2, 2]
-                t_x, t_y, t_z = a_y * o_z - a_z * o_y, a_z * o_x - a_x * o_z, a_x * o_y - a_y * o_x
-                xx, xy, xz = around[w, 3], around[w, 4], around[w, 5]
-                yy, yz, zz = around[w, 6], around[w, 7], around[w, 8]
-                na_x = xx * a_x + xy * a_y + xz * a_z
-                na_y = xy * a_x + yy * a_y + yz * a_z
-                na_z = xz * a_x + yz * a_y + zz * a_z
-                no_x = xx * o_x + xy * o_y + xz * o_z
-                no_y = xy * o_x + yy * o_y + yz * o_z
-                no_z = xz * o_x + yz * o_y + zz * o_z
-                along = na_x * a_x + na_y * a_y + na_z * a_z
-                outwards = no_x * o_x + no_y * o_y + no_z * o_z
-                cell = grids[k, i, j, s]
-                cell[0] += 1
-                cell[1] += along
-                cell[2] += outwards
-                cell[3] += xx + yy + zz - along - outwards
-                cell[4] += na_x * o_x + na_y * o_y + na_z * o_z
-                cell[5] += na_x * t_x + na_y * t_y + na_z * t_z
-                cell[6] += no_x * t_x + no_y * t_y + no_z * t_z
+                _add(grids[k, i, j, s], around[w], (a_x, a_y, a_z), (o_x, o_y, o_z))
         _finish(grids[k])

@@ -19,8 +19,9 @@ from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import clean
 from skipnet.registration.stopwatch import Stopwatch
+from skipnet.scans.describing import describe
 from skipnet.scans.given import ScanLike, taken
-from skipnet.scans.scan import Scan, Viewpoint, describe
+from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.skipmap.tree import Points, check_voxel_size
 
 Progress = Callable[[str, int, int], None]

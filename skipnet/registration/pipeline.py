@@ -19,8 +19,9 @@ from skipnet.registration.result import Registration, ScanFacts
 from skipnet.registration.settling import settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.units import likeliest_unit, reason_for, size_of
+from skipnet.scans.describing import describe
 from skipnet.scans.given import ScanLike, taken
-from skipnet.scans.scan import Scan, Viewpoint, describe
+from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.skipmap.tree import Points, check_voxel_size, points_of
 from skipnet.types import FloatArray, Status
 

@@ -7,7 +7,7 @@ import numpy as np
 from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
-from skipnet.registration.findings import AMBIGUOUS_LEAD, find_out
+from skipnet.registration.examining import AMBIGUOUS_LEAD, find_out
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
 from skipnet.registration.judging.sliding import holds_against

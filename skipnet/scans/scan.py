@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
 import numpy.typing as npt
 
 from skipnet.clouds.cleaning import validate
-from skipnet.clouds.statistics import principal_frame
-from skipnet.clouds.strays import find_strays
 from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
 from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
-from skipnet.geometry import invert, transform_points
-from skipnet.networks.catalog import find_network
+from skipnet.geometry import transform_points
 from skipnet.networks.describing import classify_voxels
 from skipnet.networks.model import Model
-from skipnet.parallel.threads import one_blas_thread, side_by_side
-from skipnet.scans.evidence import Evidence, build_evidence
-from skipnet.scans.range_image import build_range_image
+from skipnet.scans.evidence import Evidence
 from skipnet.scans.record import Record
 from skipnet.scans.sparse import thin
-from skipnet.scans.viewpoint import trust_in
 from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.cell_table import CellTable
-from skipnet.skipmap.resolution import choose_voxel_size
-from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
-from skipnet.skipmap.tree import Points, SkipTree, build_tree, points_of
+from skipnet.skipmap.skipmap import SkipMap
+from skipnet.skipmap.tree import Points, SkipTree
 from skipnet.types import FeatureClass, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud
+
 
 MIN_RESOLVED = 0.75
 """Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
@@ -180,91 +172,3 @@ class Scan:
             features = self.features
             worth[features.rows[features.classes != FeatureClass.PLANE]] *= feature_weight
         return replace(self, evidence=self.evidence.valued(worth))
-
-
-@one_blas_thread
-def describe(
-    clouds_m: Sequence[Points],
-    viewpoints: Sequence[Viewpoint],
-    voxel_size_m: float | None = None,
-    seed: int = 0,
-    network: Model | None = None,
-) -> list[Scan]:
-    """Describe scans with one voxel size, side by side.
-
-    Args:
-        clouds_m: (N, 3) points of each scan, or their fine voxels, in any frame.
-        viewpoints: see ``Viewpoint``; of each scan, in the frame of its points.
-        voxel_size_m: edge of a voxel at the middle level; None chooses it from the data.
-        seed: of the order in which the judge samples voxels.
-        network: what recognises and classifies voxels; None takes the shipped one.
-    """
-    clouds_m, strays = zip(*side_by_side(_without_strays, clouds_m), strict=True)
-    points_m = [points_of(cloud_m) for cloud_m in clouds_m]
-    frames = side_by_side(principal_frame, points_m)
-    if voxel_size_m is None:
-        voxel_size_m = choose_voxel_size(*points_m, T_given_own=frames)
-    one = partial(
-        _describe_one,
-        voxel_size_m=voxel_size_m,
-        seed=seed,
-        network=network or find_network(),
-    )
-    return side_by_side(one, clouds_m, strays, viewpoints, frames)
-
-
-def _without_strays(cloud_m: Points) -> tuple[Points, int]:
-    """The cloud without points far from all others, and how many they are."""
-    strays = None if isinstance(cloud_m, SkipTree) else find_strays(cloud_m)
-    return (cloud_m, 0) if strays is None else (cloud_m[~strays], int(strays.sum()))
-
-
-def _describe_one(
-    cloud_m: Points,
-    strays: int,
-    viewpoint: Viewpoint,
-    T_given_own: FloatArray,
-    voxel_size_m: float,
-    seed: int,
-    network: Model,
-) -> Scan:
-    """Divide a scan into voxels and find out how far its viewpoint can be believed."""
-    T_own_given = invert(T_given_own)
-    fine_tree = build_tree(cloud_m, voxel_size_m / 2, np.zeros(3), T_own_given)
-    levels = _levels(fine_tree)
-    is_given = not (viewpoint is None or isinstance(viewpoint, str))
-    place_m = T_own_given[:3, 3]
-    if is_given:
-        place_m = transform_points(T_own_given, np.array([viewpoint], np.float64))[0]
-    trust = 0.0 if viewpoint is None else trust_in(*levels[:2], place_m, is_given)
-    image = None
-    if trust > 0:
-        image = build_range_image(points_of(cloud_m), place_m, T_own_given)
-    return _described(Record(T_given_own, strays, fine_tree, image, trust, seed), levels, network)
-
-
-def restored(record: Record, network: Model) -> Scan:
-    """The scan that a record was kept of, to the same bits.
-
-    Args:
-        record: of the scan.
-        network: the one that it was described with, or another.
-    """
-    return _described(record, _levels(record.fine_tree), network)
-
-
-def _levels(fine_tree: SkipTree) -> tuple[SkipMap, SkipMap, SkipMap]:
-    """Skip-maps at the voxel size, half of it and twice, normals of either sign."""
-    tree = fine_tree.coarser()
-    return skipmap_of_tree(tree), skipmap_of_tree(fine_tree), skipmap_of_tree(tree.coarser())
-
-
-def _described(record: Record, levels: tuple[SkipMap, SkipMap, SkipMap], network: Model) -> Scan:
-    """The scan of a record and its Skip-maps."""
-    image, rng = record.range_image, np.random.default_rng(record.seed)
-    believed_m = None if image is None or record.trust < MIN_TRUST else image.viewpoint_m
-    skipmap, fine, coarse = (level.seen_from(believed_m) for level in levels)
-    # The judge hears of places, too, that are not believed so far.
-    seen = skipmap if image is None else levels[0].seen_from(image.viewpoint_m)
-    evidence = build_evidence(seen, image, rng, record.trust)
-    return Scan(record, skipmap, coarse, fine, evidence, network)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from skipnet.networks.model import Model
+from skipnet.scans.describing import describe, restored
 from skipnet.scans.record import FORMAT, read_record, write_record
-from skipnet.scans.scan import Scan, Viewpoint, describe, restored
+from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.skipmap.tree import Points, SkipTree
 from skipnet.types import FloatArray
 

@@ -28,7 +28,8 @@ from skipnet.metrics.correspondences import (
 )
 from skipnet.networks.catalog import find_network
 from skipnet.networks.model import Model
-from skipnet.scans.scan import Scan, checked, describe
+from skipnet.scans.describing import describe
+from skipnet.scans.scan import Scan, checked
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.studies.options import InliersConfig
 from skipnet.studies.study import report

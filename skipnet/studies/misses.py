@@ -29,7 +29,8 @@ from skipnet.registration.alignment.refinement import refine
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
 from skipnet.registration.options import RegistrationConfig
-from skipnet.scans.scan import Scan, describe
+from skipnet.scans.describing import describe
+from skipnet.scans.scan import Scan
 from skipnet.studies.options import MissesConfig
 from skipnet.studies.study import report
 from skipnet.types import FloatArray, Pair

@@ -11,7 +11,8 @@ import numpy as np
 from skipnet.geometry import transform_points
 from skipnet.networks.names import SHIPPED, weights_file
 from skipnet.registration.pipeline import register
-from skipnet.scans.scan import Scan, describe
+from skipnet.scans.describing import describe
+from skipnet.scans.scan import Scan
 from skipnet.simulation.scanning.pairs import SimulatedPair, simulate_pair
 from skipnet.simulation.seeds import DEMO
 from skipnet.storage import write_bytes

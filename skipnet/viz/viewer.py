@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
@@ -98,8 +99,19 @@ def viewer(
         "bottom": float(low_m[2] - centre_m[2]),
         "top": float(max(high_m[2], low_m[2] + 1e-6) - centre_m[2]),
         "dot": _DOT_SHARE * extent_m,
-        "cut": (cut := _cut(placed_m[:, 2], low_m[2], high_m[2])),
+        "cut": _cut(placed_m[:, 2], low_m[2], high_m[2]),
     }
+    return _page(scans, poses, start, brightest_m, content)
+
+
+def _page(
+    scans: Sequence[ViewedScan],
+    poses: Sequence[ViewedPose],
+    start: int,
+    brightest_m: float,
+    content: dict[str, Any],
+) -> str:
+    """The canvas with its switches, and what the script draws on it."""
     modes = _modes(scans)
     return "\n".join(
         [
@@ -111,7 +123,7 @@ def viewer(
             _switches(scans),
             _choices("mode", "colour", [_MODES[mode] for mode in modes], 0, modes),
             f"<fieldset>{_slider('dot', 'dots', 0.3, 4, 1)}"
-            f"{_slider('cut', 'hidden above', 0, 1, cut)}</fieldset>",
+            f"{_slider('cut', 'hidden above', 0, 1, content['cut'])}</fieldset>",
             "<small>Drag to turn, wheel or pinch to zoom, shift or two fingers to move, click two "
             f"points to measure.{_scale(brightest_m) if 2 in modes else ''}</small>",
             f'<script type="application/json" class="scans">{_json(content)}</script>',

@@ -7,9 +7,11 @@ import pytest
 
 from skipnet.geometry import invert, make_transform, pose_error, random_rotation
 from skipnet.projects import witness
-from skipnet.projects.doubts import Arbiter, components, without_bridges
-from skipnet.projects.groups import Group, Joiner, Proposals, Standards, rivals
+from skipnet.projects.connected import components, without_bridges
+from skipnet.projects.doubts import Arbiter
+from skipnet.projects.groups import Joiner, rivals
 from skipnet.projects.motions import rival_split
+from skipnet.projects.ways import Group, Proposals, Standards
 from skipnet.projects.witness import leaders
 
 STRICT = Standards(limit=0.002, rival_support=0.4)
@@ -110,7 +112,7 @@ def test_a_scan_that_fits_in_two_places_is_in_neither_and_both_are_told():
 
 def test_rivals_are_those_that_agree_as_much_and_contradict_as_little():
     def way(support, contradiction):
-        from skipnet.projects.groups import Way
+        from skipnet.projects.ways import Way
 
         return Way(np.eye(4), frozenset({(0, 1)}), 0.9, support, contradiction, 1)
 

@@ -16,9 +16,9 @@ from skipnet.registration.judging.riding import (
 )
 from skipnet.registration.pipeline import register
 from skipnet.registration.units import likeliest_unit
+from skipnet.scans.describing import describe
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image
-from skipnet.scans.scan import describe
 from skipnet.simulation.situations.catalog import SITUATIONS, is_right
 from skipnet.simulation.situations.making import block, caster_of, drum, rings, sample, see, upright
 from skipnet.skipmap.skipmap import build_skipmap

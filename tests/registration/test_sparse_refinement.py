@@ -8,7 +8,7 @@ import pytest
 from skipnet.geometry import invert, make_transform, pose_error, rotation_from_vector
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.alignment.sparse import refine_sparse
-from skipnet.scans.scan import describe
+from skipnet.scans.describing import describe
 from skipnet.scans.sparse import thin
 from skipnet.simulation.scanning.pairs import simulate_pair
 

@@ -15,8 +15,8 @@ from skipnet.networks.catalog import find_network
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import register_scans
 from skipnet.registration.stopwatch import Stopwatch
+from skipnet.scans.describing import describe
 from skipnet.scans.record import read_record, write_record
-from skipnet.scans.scan import describe
 from skipnet.scans.store import ScanStore, scan_key
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.tree import build_tree

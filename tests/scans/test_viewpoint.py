@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import make_transform, transform_points
-from skipnet.scans.scan import MIN_TRUST, describe
+from skipnet.scans.describing import describe
+from skipnet.scans.scan import MIN_TRUST
 from skipnet.scans.viewpoint import FALLOFF, HIDDEN_SHARE, density_falloff, hidden_share, sides
 from skipnet.scans.viewpoint import trust_in as trust_in_maps
 from skipnet.simulation.scanning.figures import turn_figure

@@ -7,7 +7,8 @@ from sklearn.linear_model import LogisticRegression
 from skipnet.metrics.calibration import expected_calibration_error
 from skipnet.registration.findings import FEATURES
 from skipnet.registration.verdict import MAX_VIOLATION
-from skipnet.studies.calibration import REGULARISATION, Trial, fit
+from skipnet.studies.calibration import REGULARISATION, fit
+from skipnet.studies.trials import Trial
 
 
 def trials(count=400):

@@ -16,7 +16,7 @@ from skipnet.geometry import invert
 from skipnet.metrics.correspondences import by_fpfh
 from skipnet.networks.catalog import find_network
 from skipnet.networks.names import SHIPPED_WEIGHTS
-from skipnet.scans.scan import describe
+from skipnet.scans.describing import describe
 from skipnet.studies.inliers import FPFH, compare, ratios_table, run, totals_table
 from skipnet.studies.misses import count_inliers
 from skipnet.studies.options import InliersConfig

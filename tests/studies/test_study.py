@@ -8,9 +8,10 @@ import pytest
 
 from skipnet.commands.study import main
 from skipnet.studies import accuracy, calibration
-from skipnet.studies.calibration import FAMILIES, SCANNERS, Trial, error_of, trials_of_scene
+from skipnet.studies.calibration import error_of
 from skipnet.studies.options import STUDIES, AccuracyConfig, StudyConfig
 from skipnet.studies.study import OUTCOMES_FILE, do_all, report
+from skipnet.studies.trials import FAMILIES, SCANNERS, Trial, trials_of_scene
 from skipnet.viz.tables import Table
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skipnet.compiled import compiled
 from skipnet.geometry import invert
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.judging.closer_look import look_closer
@@ -24,8 +23,9 @@ from skipnet.registration.judging.score import (
     Strictness,
     severity,
 )
+from skipnet.registration.judging.states import facing, states
 from skipnet.scans.evidence import Evidence
-from skipnet.types import BoolArray, FloatArray, IntArray
+from skipnet.types import FloatArray, IntArray
 
 _SOON_JUDGED = 1 << 13
 """Voxels, over all candidates, that are judged before another thread has begun."""
@@ -43,8 +43,6 @@ HOPELESS = 0.1
 score a third of it and more, before any refinement, in doorways and on streets too."""
 ROUNDS = ((24, 1000), (100, 400))
 """(samples, candidates that stay) of each round of a shortlist but the last ..."""
-MAX_ACROSS_COSINE = 0.7
-"""Surfaces whose normals are farther apart cross each other."""
 LAST_ROUND = (400, 20)
 """... and of the last, among distinct candidates."""
 
@@ -118,7 +116,7 @@ class Judge:
         gained: FloatArray = match[0] - match[1:]
         if is_motion:
             points_m, normals = a.points_m[: len(worth)], a.normals[: len(worth)]
-            told = _facing(T_b_a, points_m, normals)
+            told = facing(T_b_a, points_m, normals)
             if b.range_image is not None:
                 lost, least_m = gained > 0, LOOKED_PAST_VOXELS * b.voxel_size_m
                 past = b.range_image.in_front(T_b_a[1:], points_m, lost, LOOKED_PAST, least_m)
@@ -183,17 +181,6 @@ def distinct(
     return np.array(kept, dtype=np.int64)
 
 
-def _facing(T_b_a: FloatArray, points_m: FloatArray, normals: FloatArray) -> FloatArray:
-    """(C - 1, S) squared cosine between the motions of (S, 3) points from the first of (C, 4, 4)
-    poses to each other one and their normals: what each tells of the motion."""
-    change = T_b_a[1:] - T_b_a[0]
-    moved_m = np.einsum("cij,sj->csi", change[:, :3, :3], points_m) + change[:, None, :3, 3]
-    turned = normals @ T_b_a[0, :3, :3].T
-    along_m = np.abs(np.einsum("csi,si->cs", moved_m, turned))
-    cosine: FloatArray = along_m / np.maximum(np.linalg.norm(moved_m, axis=2), 1e-12)
-    return cosine**2
-
-
 def _one_way(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
 ) -> FloatArray:
@@ -202,67 +189,3 @@ def _one_way(
     count, worth = a.shares(samples)
     violation, contradiction = b.trust * (free @ count), b.trust * (free @ worth)
     return np.stack([match @ count, violation, match @ worth, contradiction, beside @ worth])
-
-
-def states(
-    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
-) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """(C, S) how far each of a's voxels matches b, 0 to 1, which lie beside it, and which in b's
-    free space."""
-    row = b.near.find_moved(T_b_a, a.points_m, samples)
-    match, beside = _match(
-        T_b_a[:, :3].astype(np.float32),
-        (a.points_m, a.normals, a.sides, a.clear),
-        row,
-        (b.surfaces, b.clear_there),
-        strictness.min_normal_cosine,
-        strictness.max_distance_voxels * b.voxel_size_m,
-        strictness.max_beside_voxels * b.voxel_size_m,
-    )
-    free = np.zeros_like(beside)
-    if b.range_image is not None:
-        free_m = strictness.free_voxels * b.voxel_size_m
-        free = b.range_image.in_front(T_b_a, a.points_m, match < 0.5, strictness.free_share, free_m)
-    return match, beside, free
-
-
-@compiled
-def _match(
-    T_b_a: FloatArray,
-    voxels_a: tuple[FloatArray, FloatArray, FloatArray, BoolArray],
-    row: IntArray,
-    voxels_b: tuple[FloatArray, BoolArray],
-    min_normal_cosine: float,
-    max_distance_m: float,
-    max_beside_m: float,
-) -> tuple[FloatArray, BoolArray]:
-    """(C, S) how far a's voxels lie on the surface of b's voxels in (C, S) ``row``, 0 to 1, and
-    which lie beside it or cross it, where both are clear enough to tell."""
-    points_a_m, normals_a, sides_a, clear_a = voxels_a
-    surfaces_b, clear_b = voxels_b
-    match = np.zeros(row.shape, dtype=np.float32)
-    beside = np.zeros(row.shape, dtype=np.bool_)
-    for c in range(len(T_b_a)):
-        T = T_b_a[c]
-        for s in range(row.shape[1]):
-            there = row[c, s]
-            if there >= 0:
-                n_x, n_y, n_z = surfaces_b[there, 0], surfaces_b[there, 1], surfaces_b[there, 2]
-                # b's normal in the frame of a: one turn serves for the point and its normal.
-                a_x = T[0, 0] * n_x + T[1, 0] * n_y + T[2, 0] * n_z
-                a_y = T[0, 1] * n_x + T[1, 1] * n_y + T[2, 1] * n_z
-                a_z = T[0, 2] * n_x + T[1, 2] * n_y + T[2, 2] * n_z
-                cosine = a_x * normals_a[s, 0] + a_y * normals_a[s, 1] + a_z * normals_a[s, 2]
-                offset_m = surfaces_b[there, 3] - T[0, 3] * n_x - T[1, 3] * n_y - T[2, 3] * n_z
-                distance_m = a_x * points_a_m[s, 0] + a_y * points_a_m[s, 1]
-                distance_m = abs(distance_m + a_z * points_a_m[s, 2] - offset_m)
-                along = abs(cosine) > min_normal_cosine
-                # Opposite normals are two sides of something, as far as the sides are known.
-                apart = sides_a[s] * surfaces_b[there, 4] if cosine < 0 else 0.0
-                if along and distance_m <= max_distance_m:
-                    match[c, s] = 1 - apart
-                if clear_a[s] and clear_b[there]:
-                    parallel = along and max_distance_m < distance_m < max_beside_m
-                    across = abs(cosine) < MAX_ACROSS_COSINE and distance_m < max_distance_m
-                    beside[c, s] = parallel or across
-    return match, beside

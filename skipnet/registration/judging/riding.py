@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from skipnet.geometry import invert, transform_points
-from skipnet.registration.judging.judge import Judge, states
+from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import FINE
+from skipnet.registration.judging.states import states
 from skipnet.scans.evidence import Evidence
 from skipnet.types import BoolArray, FloatArray
 

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 
 from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
@@ -35,11 +36,7 @@ from skipnet.training.optimizers import find_optimizer
 from skipnet.training.options import TrainConfig
 from skipnet.training.schedule import Schedule
 from skipnet.training.scores import score, table_rows
-from skipnet.training.tasks.classes import (
-    head_arrays,
-    train_classifier,
-    with_hidden,
-)
+from skipnet.training.tasks.classes import head_arrays, train_classifier, with_hidden
 from skipnet.training.tasks.descriptor import DescriptorTask, Lessons, StepPlan
 from skipnet.training.trainer import Outcome, Trainer
 from skipnet.types import FloatArray
@@ -55,10 +52,8 @@ CHECKPOINT, CLASSES_CHECKPOINT = "checkpoint.pt", "classes_checkpoint.pt"
 def train_both_heads(config: TrainConfig) -> dict[str, Any]:
     """Train and judge as configured; everything is written into ``config.output_dir``.
 
-    A run that was interrupted goes on from the checkpoint in that folder.
-
-    Returns:
-        The summary, as in summary.json: what training reached, the scores, the seconds it took.
+    A run that was interrupted goes on from the checkpoint in that folder. The summary comes back,
+    as in summary.json: what training reached, the scores, the seconds it took.
 
     Raises:
         ValueError: settings that do not fit each other, or the checkpoint of another run.
@@ -89,17 +84,15 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
     }
     for target in [path, SHIPPED_WEIGHTS] if config.ship else [path]:
         save_network(weights, card, target)
+    times_s = [start_s, data_s, trained_s, time.perf_counter()]
+    seconds = dict(zip(("data", "training", "judging"), np.diff(times_s).tolist(), strict=True))
     summary = {
         "experiment": config.experiment_name,
         "seed": config.seed,
         "reached": reached(outcome),
         "unseen": scores,
         "classes": classes,
-        "seconds": {
-            "data": data_s - start_s,
-            "training": trained_s - data_s,
-            "judging": time.perf_counter() - trained_s,
-        },
+        "seconds": seconds,
     }
     write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     tables = reports.descriptor_table(scores) + "\n" + reports.markdown_table(table_rows(classes))

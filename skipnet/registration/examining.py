@@ -1,0 +1,162 @@
+"""What the verdict rests on is found out about the best pose and its rivals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.registration.aligners import Aligner
+from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration.findings import Findings
+from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.riding import seen_again
+from skipnet.registration.judging.score import STRAY_SHARE, Score
+from skipnet.registration.judging.sliding import (
+    MIN_DETERMINED,
+    holds,
+    holds_against,
+    is_weak,
+    moves_freely,
+)
+from skipnet.types import FloatArray, IntArray
+
+AMBIGUOUS_LEAD = 0.1
+"""A rival whose score comes within this share of the best one's explains the data as well."""
+MIN_DECISIVE = 0.2
+"""... unless what tells the two apart speaks for the best one as clearly as this."""
+MOST_RIVALS = 12
+"""Rivals with which the best pose is compared voxel by voxel."""
+HARMLESS_OVERLAP = 0.2
+"""... and so does one that contradicts nothing, if this much agrees and the best pose does ..."""
+HARMFUL_VIOLATION = 0.003
+"""... contradict what was seen, by this share of all voxels and more."""
+CHANCE_SCORE = 0.05
+"""What some pose always scores: a lead counts against this, though no rival be found."""
+MIN_THICKNESS_VOXELS = 0.5
+"""A scan whose voxels scatter by less about their plane is that plane."""
+MIN_SPARSE_HOLD = 6.0
+"""Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
+
+
+def find_out(
+    judge: Judge,
+    aligner: Aligner,
+    best: Refinement,
+    T_target_source: FloatArray,
+    score: Score,
+    kept: IntArray,
+) -> Findings:
+    """What the verdict rests on.
+
+    Args:
+        judge: of both scans.
+        aligner: likewise.
+        best: the best pose, finely aligned.
+        T_target_source: (K, 4, 4) all refined candidates.
+        score: the judge's figures for these.
+        kept: rows of the distinct ones, best first.
+    """
+    first, T_best = kept[0], best.T_target_source[0]
+    rivals = _rivals(judge, T_target_source, score, kept)
+    directions = _free_directions(judge, best, aligner.is_sparse)
+    share, _ = holds_against(best.information[0], best.matched[0], best.spread_m[0])
+    in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
+    no_turns = np.zeros((0, 3))
+    # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
+    asks_turns = not (len(directions) or aligner.is_sparse)
+    return Findings(
+        overlap=float(score.overlap[first]),
+        violation=float(score.violation[first]),
+        margin=rivals.margin,
+        support=float(score.support[first]),
+        decisiveness=rivals.decisiveness,
+        mismatch=float(score.mismatch_rate[first]),
+        seen_again=seen_again(judge, T_best),
+        riding_worth=judge.riding_worth,
+        matched=int(best.matched[0]),
+        held_voxels=float(share[0] * best.matched[0]),
+        is_sparse=aligner.is_sparse,
+        odd_share=0.0 if in_doubt else aligner.odd_share(T_best),
+        is_mirrored=not in_doubt and aligner.is_mirrored(T_best),
+        blind=1 - 0.5 * (judge.source.trust + judge.target.trust),
+        covariance=best.covariance[0],
+        free_directions=directions,
+        free_turns=_free_turns(judge, best) if asks_turns else no_turns,
+        alternatives=rivals.alternatives,
+    )
+
+
+@dataclass(frozen=True)
+class _Rivals:
+    """What the best pose's rivals say."""
+
+    margin: float
+    """Lead over the best of them, as a share of the own score; 1 without a rival."""
+    decisiveness: float
+    """The least with which what tells them apart speaks for the best pose; 1 without a rival."""
+    alternatives: FloatArray
+    """(A, 4, 4) those that explain the data as well."""
+
+
+def _rivals(judge: Judge, T_target_source: FloatArray, score: Score, kept: IntArray) -> _Rivals:
+    """Compare the best of (K,) kept poses with the others.
+
+    One that scores nearly as much is as good, unless what tells the two apart speaks for the best
+    one, and the rival does not contradict less: the next bay agrees in more where both sensors
+    stood alike, and that tells nothing.
+    """
+    first, rivals = kept[0], kept[1:]
+    top = max(float(score.total[first]), 1e-9)
+    closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
+    harmless = score.violation[rivals] <= STRAY_SHARE
+    harmless &= score.overlap[rivals] >= HARMLESS_OVERLAP
+    harmless &= score.violation[first] >= HARMFUL_VIOLATION
+    near = rivals[:MOST_RIVALS]
+    decisive = judge.decisiveness(T_target_source[first], T_target_source[near])
+    contradicts_less = score.violation[near] + STRAY_SHARE < score.violation[first]
+    equal = score.total[rivals] > (1 - AMBIGUOUS_LEAD) * top
+    equal[:MOST_RIVALS] &= (decisive < MIN_DECISIVE) | contradicts_less
+    return _Rivals(
+        margin=float(max(1 - closest / top, 0.0)),
+        decisiveness=float(decisive.min(initial=1.0)),
+        alternatives=T_target_source[rivals[equal | harmless]],
+    )
+
+
+def _free_directions(judge: Judge, best: Refinement, is_sparse: bool) -> FloatArray:
+    """(F, 3) directions along which one pose can slide, in the target's frame.
+
+    Noise may roughen a scan that shows nothing but one plane; it holds nothing all the same.
+    """
+    turns = best.T_target_source[0, :3, :3], np.eye(3)
+    for scan, turn in zip((judge.source, judge.target), turns, strict=True):
+        square_m2, axes = np.linalg.eigh(np.cov(scan.points_m.T.astype(np.float64)))
+        if np.sqrt(square_m2[0]) < MIN_THICKNESS_VOXELS * judge.voxel_size_m:
+            in_plane: FloatArray = (turn @ axes[:, 1:]).T
+            return in_plane
+    T, centre_m = best.T_target_source[0], best.centre_m[0]
+    share, directions = holds(best.information[0], best.matched[0])
+    free = [
+        direction
+        for part, direction in zip(share, directions, strict=True)
+        if is_weak(part, best.matched[0])
+        and (
+            (is_sparse and part * best.matched[0] < MIN_SPARSE_HOLD)
+            or moves_freely(np.append(np.zeros(3), direction), T, centre_m, judge)
+        )
+    ]
+    return np.array(free).reshape(-1, 3)
+
+
+def _free_turns(judge: Judge, best: Refinement) -> FloatArray:
+    """(G, 3) axes about which one pose can turn."""
+    T, centre_m = best.T_target_source[0], best.centre_m[0]
+    share, motions = holds_against(best.information[0], best.matched[0], best.spread_m[0])
+    weak = motions[(share < MIN_DETERMINED) & motions[:, :3].any(axis=1)]
+    turns = [
+        motion[:3] / np.linalg.norm(motion[:3])
+        for motion in weak
+        if moves_freely(motion, T, centre_m, judge)
+    ]
+    return np.array(turns).reshape(-1, 3)
