@@ -23,6 +23,8 @@ from skipnet.types import FloatArray, IntArray
 
 AMBIGUOUS_LEAD = 0.1
 """A rival whose score comes within this share of the best one's explains the data as well."""
+SAFE_LEAD = 0.3
+"""With less, a pose that leaves the sensors together may owe its lead to what looks alike there."""
 MAX_BLIND = 0.25
 """Scans are blind when one of them is more than half so."""
 MIN_DECISIVE = 0.2
@@ -123,8 +125,8 @@ class Findings:
     @property
     def may_only_ride(self) -> bool:
         """Both sensors would have stood at one place, and yet have seen different things: rings on
-        flat ground, or what rides along, may be all that speaks for it."""
-        may_ride = self.is_sparse or self.riding_worth > MIN_RIDING
+        flat ground, what rides along, or what repeats, may be all that speaks for it."""
+        may_ride = self.is_sparse or self.riding_worth > MIN_RIDING or self.margin < SAFE_LEAD
         return self.seen_again < MIN_SEEN_AGAIN and may_ride
 
     @property
