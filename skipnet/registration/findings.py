@@ -10,6 +10,8 @@ import numpy as np
 from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN
 from skipnet.types import FloatArray
 
+SAFE_LEAD = 0.3
+"""With less, a pose that leaves the sensors together may owe its lead to what looks alike there."""
 MAX_BLIND = 0.25
 """Scans are blind when one of them is more than half so."""
 
@@ -96,8 +98,8 @@ class Findings:
     @property
     def may_only_ride(self) -> bool:
         """Both sensors would have stood at one place, and yet have seen different things: rings on
-        flat ground, or what rides along, may be all that speaks for it."""
-        may_ride = self.is_sparse or self.riding_worth > MIN_RIDING
+        flat ground, what rides along, or what repeats, may be all that speaks for it."""
+        may_ride = self.is_sparse or self.riding_worth > MIN_RIDING or self.margin < SAFE_LEAD
         return self.seen_again < MIN_SEEN_AGAIN and may_ride
 
     @property
