@@ -22,10 +22,12 @@ from skipnet.simulation.scanning.pairs import simulate_pair
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 README = "\n".join(page.read_text() for page in PAGES)
+# What docs/extending.md shows needs the files that it tells to write: test_extending.py runs it.
+TRIED = "\n".join(page.read_text() for page in PAGES if page.name != "extending.md")
 
 
 def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+    return re.findall(rf"```{language}\n(.*?)```", TRIED, flags=re.DOTALL)
 
 
 COMMANDS = list(dict.fromkeys(line for block in blocks("bash") for line in block.splitlines()))

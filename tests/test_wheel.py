@@ -20,8 +20,9 @@ from skipnet.geometry import pose_error
 from skipnet.simulation.scanning.pairs import simulate_pair
 
 ROOT = Path(__file__).parents[1]
-DATA = ["py.typed", "networks/weights/descriptor.npz", "networks/weights/descriptor.json"]
-DATA += ["registration/confidence.json", "viz/viewer.js"]
+PACKAGE = ROOT / "skipnet"
+DATA = ["py.typed", "registration/confidence.json", "viz/viewer.js"]
+DATA += [f"networks/weights/{path.name}" for path in PACKAGE.glob("networks/weights/*.*")]
 DATA += [f"configs/{path.relative_to(ROOT / 'configs')}" for path in ROOT.glob("configs/**/*.yaml")]
 TRAINING = ["experiment=classes", "data.families=[closed]", "data.workers=1", "epochs=1"]
 TRAINING += ["data.training_scenes=1", "data.validation_scenes=1", "data.test_scenes=1"]
@@ -68,7 +69,7 @@ def test_wheel_and_sdist_hold_the_data(distributions):
     wheel, sdist = distributions
     with zipfile.ZipFile(wheel) as archive:
         inside = archive.namelist()
-        assert [name for name in DATA if f"skipnet/{name}" not in inside] == []
+        assert len(DATA) > 20 and [name for name in DATA if f"skipnet/{name}" not in inside] == []
     stem = sdist.name.removesuffix(".tar.gz")
     with tarfile.open(sdist) as archive:
         files = [member.name for member in archive.getmembers() if member.isfile()]

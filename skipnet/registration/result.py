@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
+from skipnet.clouds.cloud import Cloud
+from skipnet.geometry import transform_points
 from skipnet.registration.findings import Findings
 from skipnet.types import FloatArray, Status
 
@@ -48,6 +51,15 @@ class Registration:
     """What the verdict rests on; None when no pose was proposed."""
     timings_s: dict[str, float] = field(default_factory=dict)
     """Seconds per stage, in the order of the pipeline."""
+
+    def __str__(self) -> str:
+        return f"{self.status} (confidence {self.confidence:.2f}): {self.reason}"
+
+    def transform(self, source: Cloud | npt.ArrayLike) -> Cloud | FloatArray:
+        """The source in the target's frame: a Cloud with all that it holds, or (N, 3) points."""
+        if isinstance(source, Cloud):
+            return source.moved(self.T_target_source)
+        return transform_points(self.T_target_source, np.asarray(source, np.float64))
 
     @property
     def details(self) -> dict[str, object]:

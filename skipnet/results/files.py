@@ -73,7 +73,7 @@ def register_pair_files(
     with new_results(output_dir) as folder:
         result = _register(given[0], given[1], choices)
         _write_pair(given[0], given[1], result, folder, names, choices.seed)
-    announce(_outcome(result), result.reason, given, output_dir)
+    announce(str(result), given, output_dir)
     return result
 
 
@@ -96,7 +96,7 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
             write_cloud(folder / scan.path.name, scan.cloud)
         result = _register(given[0], given[1], choices)
         _write_pair(given[0], given[1], result, folder, names, choices.seed)
-    announce(_outcome(result), result.reason, given, output_dir)
+    announce(str(result), given, output_dir)
     print(_compare_with_truth(result, pair))
     return result
 
@@ -141,16 +141,12 @@ def _write_pair(
     write_text(folder / "result.json", result_json(result, inputs, facts, seed))
 
 
-def _outcome(result: Registration) -> str:
-    return f"{result.status} (confidence {result.confidence:.2f})"
-
-
-def announce(outcome: str, reason: str, scans: Sequence[Given], output_dir: Path) -> None:
+def announce(outcome: str, scans: Sequence[Given], output_dir: Path) -> None:
     """The outcome on the terminal, below what the readers had to decide."""
     for scan in scans:
         for note in scan.cloud.notes:
             print(f"{scan.cloud.name}: {note}")
-    print(f"{outcome}: {reason}")
+    print(outcome)
     print(f"Look at {output_dir / 'report.html'}")
 
 

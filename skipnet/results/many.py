@@ -61,7 +61,7 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
         page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
         write_text(folder / "report.html", page)
         write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
-    announce(result.outcome, result.reason, scans, output_dir)
+    announce(f"{result.outcome}: {result.reason}", scans, output_dir)
     return result
 
 

@@ -70,3 +70,13 @@ def test_a_doorway_in_an_e57_registers_as_in_local_coordinates(tmp_path):
     T_back = invert(T_site) @ posed.T_target_source @ T_site
     np.testing.assert_allclose(T_back[:3, 3], local.T_target_source[:3, 3], atol=1e-4)
     np.testing.assert_allclose(T_back[:3, :3], local.T_target_source[:3, :3], atol=1e-6)
+
+
+def test_a_result_moves_points_and_clouds_and_prints_as_a_sentence(points):
+    result = skipnet.register(points, points + [1.0, 2, 3])
+    assert str(result).startswith(f"{result.status} (confidence ") and result.reason in str(result)
+    moved = result.transform(Cloud(points, normals=points))
+    np.testing.assert_array_equal(moved.points_m, result.transform(points))
+    T = result.T_target_source
+    np.testing.assert_allclose(moved.points_m, points @ T[:3, :3].T + T[:3, 3])
+    np.testing.assert_allclose(moved.normals, points @ T[:3, :3].T)
