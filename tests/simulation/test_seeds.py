@@ -17,8 +17,8 @@ from skipnet.simulation import seeds
 from skipnet.simulation.seeds import RANGES, SeedRange
 from skipnet.studies import calibration, vigilance
 from skipnet.training.data.options import DataConfig
-from skipnet.training.experiments import both_heads, classes_alone
-from skipnet.training.options import DescriptorTrainConfig
+from skipnet.training.descriptor_options import DescriptorTrainConfig
+from skipnet.training.experiments import classes_alone, lessons
 
 SIMULATES = {"make_scene", "simulate_pair", "simulate_scans", "look_around", "turn_figure"}
 """What takes a scene's seed as its second argument, the figure as its first."""
@@ -86,8 +86,8 @@ def test_training_stays_inside_its_ranges():
     for name, expected in classes_alone.SEEDS.items():
         assert all(seed in expected for seed in classes_alone.class_seeds(most, name))
     options = DescriptorTrainConfig(training_pairs=1000, validation_pairs=1000, test_pairs=1000)
-    for name, expected in both_heads.SEEDS.items():
-        assert all(seed in expected for seed in both_heads._seeds(options, name))
+    for name, expected in lessons.SEEDS.items():
+        assert all(seed in expected for seed in lessons._seeds(options, name))
 
 
 def test_the_shipped_confidence_was_fitted_in_its_range():
