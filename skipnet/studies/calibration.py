@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +28,6 @@ from skipnet.studies.trials import FAMILIES, SCANNERS, Trial, do, jobs
 from skipnet.viz.tables import Table
 
 REGULARISATION = 10.0
-
-
-Job = partial[list[Trial]]
-"""Registers all that belongs to one scene."""
 
 
 def run(config: CalibrationConfig) -> dict[str, Any]:

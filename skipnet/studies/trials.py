@@ -16,7 +16,6 @@ from skipnet.simulation.scanning.degrading import add_passers_by
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import CALIBRATION
 from skipnet.simulation.situations.catalog import SITUATIONS, is_right
-from skipnet.studies.calibration import Job
 from skipnet.types import FloatArray, Pair
 
 FAMILIES = ("paper_room", "closed", "oblique", "curved", "doorway", "facade")
@@ -44,6 +43,10 @@ class Trial:
     def from_json(fields: dict[str, Any]) -> Trial:
         """The trial that ``as_json`` told of."""
         return Trial(**{**fields, "features": np.array(fields["features"])})
+
+
+Job = partial[list[Trial]]
+"""Registers all that belongs to one scene."""
 
 
 def jobs(scenes: int, skip: int = 0) -> dict[str, Job]:
