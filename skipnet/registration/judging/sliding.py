@@ -21,10 +21,12 @@ STEPS_VOXELS = (np.arange(-8, 9) / 4, np.arange(-5, 6) / 20)
 """Places to try, from rough to fine."""
 FREE_STEPS_VOXELS = np.array([-3.0, 0.0, 3.0])
 """A pose that the judge likes as well this far to either side is free."""
-MIN_DECISIVE = 0.5
-"""... or what tells them apart must speak for it as clearly as this."""
 MIN_DROP = 0.1
-"""Share of its score that a pose must lose there to count as held."""
+"""Share of its score that a pose must lose there to count as held ..."""
+MIN_CLOSE_DROP = 0.3
+"""... or of what the closer look says, which is stricter about ends and borders, too ..."""
+MIN_DECISIVE = 0.5
+"""... or what tells the places apart must speak for it as clearly as this."""
 _PLATEAU = 0.99
 """Scores that are this near to the best one are equal to it, up to sampling."""
 
@@ -117,9 +119,9 @@ def moves_freely(
     as_good = sides[score.total[sides] > (1 - MIN_DROP) * score.total[1]]
     if len(as_good) == 0:
         return False
-    # On gentle ground half a voxel is much: what is as good must be as close, too ...
-    closeness = judge.closer(moved, score).total / np.maximum(score.total, 1e-9)
-    as_good = as_good[closeness[as_good] > (1 - MIN_DROP) * closeness[1]]
+    # On gentle ground half a voxel is much: what is as good must be so closely, too ...
+    closer = judge.closer(moved, score).total
+    as_good = as_good[closer[as_good] > (1 - MIN_CLOSE_DROP) * closer[1]]
     # ... and by what tells the places apart, though it be little of all that is seen.
     return bool((judge.decisiveness(moved[1], moved[as_good], is_motion=True) < MIN_DECISIVE).any())
 
