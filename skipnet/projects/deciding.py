@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly, FinalLink, Place, Word, deviation, numbered
-from skipnet.projects.doubts import Decision
 from skipnet.projects.graph import Balance, Link, closure_m, relative
 from skipnet.projects.groups import Group, Joiner, PairKey
 from skipnet.projects.links import settled

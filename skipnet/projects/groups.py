@@ -62,7 +62,8 @@ class Standards:
     severity: float = 3.0
     """How fast contradiction devalues support: at the limit to exp(-severity)."""
     believes_one: bool = False
-    """Whether one pair is enough to join groups of several scans."""
+    """Whether one pair is enough to join groups of several scans, if it registered by itself. Else
+    several must agree, but a scan may join by a pair that did not register."""
 
 
 @dataclass(frozen=True)
@@ -155,9 +156,10 @@ class Joiner:
             return None
         way = fitting[0]
         founded = len(way.voters) > 1 or way.trust > 0
-        if min(len(first.poses), len(second.poses)) == 1:
+        sizes = sorted((len(first.poses), len(second.poses)))
+        if sizes[0] == 1 and not standards.believes_one:
             founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT
-        elif not standards.believes_one:
+        elif sizes[0] > 1 and not standards.believes_one:
             founded = len(way.voters) > 1
         return way if founded else None
 

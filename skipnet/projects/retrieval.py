@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from skipnet.projects.doubts import STRICT, Decision
+from skipnet.projects.arbiter import STRICT, Decision
 from skipnet.projects.groups import Group, Joiner, PairKey, rivals
 
 PAIRS_PER_JOIN = 2
