@@ -222,8 +222,8 @@ def _placed(scan: Given, T_group_scan: FloatArray) -> Cloud:
 
 def _plan(scans: Sequence[Given], result: Assembly) -> bytes:
     """The picture of the groups from above with their links."""
-    from skipnet.viz.pictures import png_bytes
     from skipnet.viz.plans import draw_plans
+    from skipnet.viz.views import png_bytes
 
     large = [group for group in result.groups if len(group) > 1] or result.groups[:1]
     return png_bytes(draw_plans([plan_of(scans, result, group) for group in large[:MAX_PLANS]]))
