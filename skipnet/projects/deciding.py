@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly, FinalLink, Place, Word, deviation, numbered
-from skipnet.projects.doubts import Decision
 from skipnet.projects.graph import Balance, Link, closure_m, relative
-from skipnet.projects.groups import Joiner, PairKey
+from skipnet.projects.groups import Group, Joiner, PairKey
 from skipnet.projects.links import settled
 from skipnet.projects.schedule import Outcome, best
-from skipnet.projects.ways import Group
 from skipnet.projects.witness import Witness
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, Status

@@ -7,17 +7,19 @@ contradiction, and where no other way to join them explains the scans about as w
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.ways import SAME_VOXELS, Group, Proposals, Standards, Way
 from skipnet.projects.witness import Testimony, Witness, leaders
 from skipnet.types import BoolArray, FloatArray
 
 PairKey = tuple[int, int]
 """Numbers of (target, source), the smaller one first."""
+SAME_VOXELS = 3.0
+"""Two links put a group in about the same place when its centre is less than this apart."""
 MAX_WAYS = 12
 """Ways to join two groups that are looked at: those of which most agrees in the pairs that propose
 them."""
@@ -33,6 +35,84 @@ MANY_VOTES = 3
 """More pairs than this that propose a way say nothing more."""
 _OWN_VIOLATION = 0.01
 """Of a proposal in its own pair, which leaves 37 % of its weight."""
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """What searching one pair of scans proposed, the answer first."""
+
+    T_target_source: FloatArray
+    """(H, 4, 4) between the scans' own frames."""
+    overlap: FloatArray
+    """(H,) share of the surfaces that agree."""
+    violation: FloatArray
+    """(H,) share that contradicts seen free space."""
+    confidence: float
+    """Of the first, if it is registered; else 0."""
+
+
+@dataclass(frozen=True)
+class Standards:
+    """How much a set of scans must agree."""
+
+    limit: float
+    """Largest contradiction of a join, as a share of what can be compared."""
+    rival_support: float
+    """Another way to join two groups with this share of the best one's support is a rival."""
+    severity: float = 3.0
+    """How fast contradiction devalues support: at the limit to exp(-severity)."""
+    believes_one: bool = False
+    """Whether one pair is enough to join groups of several scans, if it registered by itself. Else
+    several must agree, but a scan may join by a pair that did not register."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Scans whose relative poses are decided."""
+
+    poses: Mapping[int, FloatArray]
+    """(4, 4) of each scan's own frame, in the group's."""
+    support: float = 0.0
+    """Sum over all pairs of scans of the share of surfaces that agree."""
+
+    @property
+    def scans(self) -> list[int]:
+        """In ascending order."""
+        return sorted(self.poses)
+
+    def without(self, scan: int) -> Group:
+        """The others where they are; the support is not known anew."""
+        return Group({other: T for other, T in self.poses.items() if other != scan})
+
+    @staticmethod
+    def single(scan: int) -> Group:
+        """A scan alone, in its own frame."""
+        return Group({scan: np.eye(4)})
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to join two groups, and what it rests on."""
+
+    T: FloatArray
+    """(4, 4) from the second group's frame to the first's."""
+    voters: frozenset[PairKey]
+    """Pairs of scans that proposed it, each on its own."""
+    trust: float
+    """Largest confidence of a voter for whom it is the answer."""
+    support: float
+    contradiction: float
+    witnesses: int
+    """See ``Testimony``, which has these three."""
+
+    def worth(self, standards: Standards) -> float:
+        """Support, devalued by contradiction."""
+        share = self.contradiction / standards.limit
+        return self.support * float(np.exp(-standards.severity * share))
+
+    def rank(self, standards: Standards) -> tuple[int, float]:
+        """Orders joins: more independent proposals first, then what is worth most."""
+        return min(len(self.voters), MANY_VOTES), self.worth(standards)
 
 
 class Joiner:
@@ -76,9 +156,10 @@ class Joiner:
             return None
         way = fitting[0]
         founded = len(way.voters) > 1 or way.trust > 0
-        if min(len(first.poses), len(second.poses)) == 1:
+        sizes = sorted((len(first.poses), len(second.poses)))
+        if sizes[0] == 1 and not standards.believes_one:
             founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT
-        elif not standards.believes_one:
+        elif sizes[0] > 1 and not standards.believes_one:
             founded = len(way.voters) > 1
         return way if founded else None
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.graph import Balance, Link, PairKey, Poses, balance, relative
-from skipnet.projects.groups import Joiner
-from skipnet.projects.ways import Group
+from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.witness import MIN_OVERLAP, Witness
 from skipnet.registration.alignment.refinement import Refinement, apply, refine
 from skipnet.registration.judging.judge import Judge

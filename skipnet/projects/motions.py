@@ -14,8 +14,15 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.groups import MIN_SUPPORT, RIVAL_CONTRADICTION, Joiner, PairKey
-from skipnet.projects.ways import SAME_VOXELS, Group, Standards
+from skipnet.projects.groups import (
+    MIN_SUPPORT,
+    RIVAL_CONTRADICTION,
+    SAME_VOXELS,
+    Group,
+    Joiner,
+    PairKey,
+    Standards,
+)
 from skipnet.projects.witness import STRAY_SHARE, leaders
 from skipnet.types import FloatArray
 

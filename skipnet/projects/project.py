@@ -8,9 +8,9 @@ from itertools import combinations
 from pathlib import Path
 
 from skipnet.networks.catalog import find_network
+from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.deciding import assemble
-from skipnet.projects.doubts import Arbiter, Decision
 from skipnet.projects.groups import Joiner, PairKey
 from skipnet.projects.retrieval import worth_searching
 from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search

@@ -7,9 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from skipnet.projects.doubts import STRICT, Decision
-from skipnet.projects.groups import Joiner, PairKey, rivals
-from skipnet.projects.ways import Group
+from skipnet.projects.arbiter import STRICT, Decision
+from skipnet.projects.groups import Group, Joiner, PairKey, rivals
 
 PAIRS_PER_JOIN = 2
 """Pairs that are searched between two groups."""

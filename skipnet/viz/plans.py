@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.types import FloatArray
-from skipnet.viz.pictures import scan_colour, thin
+from skipnet.viz.colours import scan_colour
+from skipnet.viz.views import thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,10 @@ import pytest
 
 from skipnet.geometry import invert, make_transform, pose_error, random_rotation
 from skipnet.projects import witness
-from skipnet.projects.connected import components, without_bridges
-from skipnet.projects.doubts import Arbiter
-from skipnet.projects.groups import Joiner, rivals
+from skipnet.projects.arbiter import Arbiter
+from skipnet.projects.components import components, without_bridges
+from skipnet.projects.groups import Group, Joiner, Proposals, Standards, rivals
 from skipnet.projects.motions import rival_split
-from skipnet.projects.ways import Group, Proposals, Standards
 from skipnet.projects.witness import leaders
 
 STRICT = Standards(limit=0.002, rival_support=0.4)
@@ -88,31 +87,32 @@ def test_right_proposals_make_one_group_in_true_places():
 
 
 def test_a_confident_wrong_pair_that_others_contradict_joins_nothing():
-    plan = Plan(6)
-    proposals = plan.proposals([*near(3), (3, 4), (3, 5), (4, 5)])
-    proposals[0, 5] = plan.proposal((0, 5), [np.eye(4)], 1.0)
-    found = Arbiter(Joiner(proposals, plan)).decide(range(6))
-    assert [group.scans for group in found.groups] == [[0, 1, 2], [3, 4, 5]]
+    plan = Plan(12)
+    halves = [(a + k, b + k) for k in (0, 6) for a, b in near(6)]
+    proposals = plan.proposals(halves)
+    proposals[0, 11] = plan.proposal((0, 11), [np.eye(4)], 1.0)
+    found = Arbiter(Joiner(proposals, plan)).decide(range(12))
+    assert [group.scans for group in found.groups] == [list(range(6)), list(range(6, 12))]
 
 
 def test_a_scan_that_fits_in_two_places_is_in_neither_and_both_are_told():
-    plan = Plan(6, alike=[(0, 5)])
-    proposals = plan.proposals(near(5))
-    # Scan 5 has nothing but scan 0's place, and one beyond scan 4, where it is in truth.
-    proposals[0, 5] = plan.proposal((0, 5), [np.eye(4)], 1.0)
-    proposals[4, 5] = plan.proposal((4, 5), [plan.true(4, 5)], 0.9)
-    wrong = plan.proposal((1, 3), [plan.true(1, 3) @ make_transform(np.eye(3), np.ones(3))], 0.9)
-    proposals[1, 3] = wrong
-    proposals[2, 4] = wrong
-    found = Arbiter(Joiner(proposals, plan)).decide(range(6))
+    plan = Plan(8, alike=[(0, 7)])
+    proposals = plan.proposals(near(7))
+    # Scan 7 has scan 0's place, and one beyond scan 6, where it is in truth.
+    proposals[0, 7] = plan.proposal((0, 7), [np.eye(4)], 1.0)
+    proposals[6, 7] = plan.proposal((6, 7), [plan.true(6, 7)], 0.9)
+    for key in ((1, 3), (2, 4), (3, 5)):  # much looks alike here: these are wrong
+        astray = plan.true(*key) @ make_transform(np.eye(3), np.ones(3))
+        proposals[key] = plan.proposal(key, [astray], 0.9)
+    found = Arbiter(Joiner(proposals, plan)).decide(range(8))
     assert found.reliability < 0.9
-    assert [5] in [group.scans for group in found.groups]
-    assert len(found.places[5]) == 2
+    assert [group.scans for group in found.groups] == [[0, 1, 2, 3, 4, 5, 6], [7]]
+    assert len(found.places[7]) == 2
 
 
 def test_rivals_are_those_that_agree_as_much_and_contradict_as_little():
     def way(support, contradiction):
-        from skipnet.projects.ways import Way
+        from skipnet.projects.groups import Way
 
         return Way(np.eye(4), frozenset({(0, 1)}), 0.9, support, contradiction, 1)
 

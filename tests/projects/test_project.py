@@ -32,7 +32,7 @@ def result(scans):
 
 @pytest.fixture(scope="module")
 def floor():
-    return simulate_floor("floor", FLOOR_SEED, 6, points=60_000).scans
+    return simulate_floor("floor", FLOOR_SEED, 6).scans
 
 
 def assert_right(scans, group, T_group_scan, most_deg, most_m):

@@ -168,5 +168,5 @@ def _stations(
     corridor = [np.array([x_m, plan.corridor_m / 2]) for x_m in along_m]
     return tuple(
         [Station((float(x), float(y)), 0.0, 0.5) for x, y in rooms]
-        + [Station((float(x), float(y)), 0.0, 0.6) for x, y in corridor]
+        + [Station((float(x), float(y)), 0.0, 1.5) for x, y in corridor]
     )

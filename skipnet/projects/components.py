@@ -1,4 +1,4 @@
-"""Graphs of scans: connected parts, and links that nothing else confirms."""
+"""How a graph hangs together."""
 
 from __future__ import annotations
 
