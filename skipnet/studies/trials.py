@@ -50,7 +50,7 @@ Job = partial[list[Trial]]
 
 
 def jobs(scenes: int, skip: int = 0) -> dict[str, Job]:
-    """Of so many scenes of each kind, each with the next one as the other."""
+    """Of so many scenes of each kind, each with the next one as the other; of situations all."""
     CALIBRATION.take(2 * scenes, skip)  # all or none
     numbers = range(skip, skip + 2 * scenes, 2)
     chosen: dict[str, Job] = {
@@ -71,6 +71,7 @@ def jobs(scenes: int, skip: int = 0) -> dict[str, Job]:
 
 
 def do(job: Job) -> dict[str, Any]:
+    """One job's trials, as JSON keeps them."""
     return {"trials": [trial.as_json for trial in job()]}
 
 

@@ -19,8 +19,9 @@ from skipnet.parallel import threads
 from skipnet.parallel.pools import THREAD_VARIABLES, environment, mapping, worker_pool
 from skipnet.parallel.threads import one_blas_thread
 from skipnet.registration import pipeline
+from skipnet.registration.judging.judge import Judge
 from skipnet.registration.options import Generator, RegistrationConfig
-from skipnet.scans import scan as scans
+from skipnet.scans import describing as making
 from skipnet.simulation.scanning.pairs import simulate_pair
 
 
@@ -111,8 +112,8 @@ def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) 
 
         monkeypatch.setattr(module, name, watching)
 
-    watched(scans, "build_tree")
-    watched(pipeline, "shortlist")
+    watched(making, "build_tree")
+    watched(Judge, "shortlist")
     watched(describing, "choose_keypoints")
     pair = simulate_pair("paper_room", 1, points=20_000).pair
     with threadpool_limits(2, user_api="blas"):
@@ -120,7 +121,7 @@ def test_registration_keeps_blas_to_one_thread(monkeypatch: pytest.MonkeyPatch) 
         pipeline.register(pair.source_m, pair.target_m, config=config)
         assert seen == dict.fromkeys(("build_tree", "shortlist", "choose_keypoints"), {1})
         seen.clear()
-        source, target = scans.describe((pair.source_m, pair.target_m), ("auto", "auto"))
+        source, target = making.describe((pair.source_m, pair.target_m), ("auto", "auto"))
         network = find_network()
         describing.correspond(source.skipmap, target.skipmap, network)
         assert seen == dict.fromkeys(("build_tree", "choose_keypoints"), {1})

@@ -6,7 +6,9 @@ import json
 
 import pytest
 
+from skipnet.benchmark.datasets.overlapping import KINDS
 from skipnet.commands.study import main
+from skipnet.simulation.situations.catalog import SITUATIONS
 from skipnet.studies import accuracy, calibration
 from skipnet.studies.calibration import error_of
 from skipnet.studies.options import STUDIES, AccuracyConfig, StudyConfig
@@ -83,7 +85,8 @@ def test_accuracy_takes_up_where_it_was_and_reports_medians(tmp_path, monkeypatc
 
 def test_a_calibration_has_every_family_and_scanner_and_both_answers():
     jobs = calibration.jobs(2)
-    assert len(jobs) == 2 * (len(FAMILIES) * len(SCANNERS) + len(calibration.KINDS))
+    kinds = len(FAMILIES) * len(SCANNERS) + len(KINDS)
+    assert len(jobs) == 2 * kinds + 4 * len(SITUATIONS)
     trials = trials_of_scene("oblique", "terrestrial", 0)
     assert {trial.name.split("/")[-1] for trial in trials} <= {"same", "different"}
     right = [trial for trial in trials if trial.right]
