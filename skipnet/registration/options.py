@@ -51,7 +51,7 @@ class RegistrationConfig:
     """Only corners of equal class correspond, as in the paper; false lets any two."""
     feature_weight: float = 1.0
     """Weight of edge and corner voxels in the judge, where planes have 1; 1 asks no network."""
-    violation_weight: float = 6.0
+    violation_weight: float = 10.0
     """How fast voxels in seen free space devalue a pose: 1 / weight of all leave it 37 %."""
     max_correspondences: int = 1500
     """Descriptor matches that enter the compatibility graph."""
