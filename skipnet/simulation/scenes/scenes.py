@@ -92,7 +92,11 @@ def make_scene(family: str, seed: int) -> Scene:
     check_families([family])
     if seed < 0:
         raise ValueError(f"seed is {seed}; expected an integer of 0 or more")
-    draft = FAMILY_MAKERS[family](np.random.default_rng(seed))
+    return assemble(family, seed, FAMILY_MAKERS[family](np.random.default_rng(seed)))
+
+
+def assemble(family: str, seed: int, draft: Draft) -> Scene:
+    """The scene of a draft: its surfaces' triangles in one array."""
     counts = [len(surface.vertices_m) for surface in draft.surfaces]
     starts = np.cumsum([0, *counts[:-1]])
     triangles = [s.triangles + start for s, start in zip(draft.surfaces, starts, strict=True)]
