@@ -1,8 +1,10 @@
 """skipnet: markerless registration of 3D scans.
 
 >>> import skipnet
->>> sorted(skipnet.__all__)
-['Cloud', 'Registration', '__version__', 'read_cloud', 'read_points', 'register', 'write_cloud']
+>>> " ".join(sorted(skipnet.__all__)[:5])
+'Assembly Cloud Project Registration __version__'
+>>> " ".join(sorted(skipnet.__all__)[5:])
+'read_cloud read_points register register_many write_cloud'
 """
 
 from __future__ import annotations
@@ -16,16 +18,21 @@ if TYPE_CHECKING:
     from skipnet.clouds.cloud import Cloud
     from skipnet.clouds.formats.reading import read_cloud, read_points
     from skipnet.clouds.formats.writing import write_cloud
+    from skipnet.projects.assembly import Assembly
+    from skipnet.projects.project import Project, register_many
     from skipnet.registration.pipeline import register
     from skipnet.registration.result import Registration
 
 __all__ = [
+    "Assembly",
     "Cloud",
+    "Project",
     "Registration",
     "__version__",
     "read_cloud",
     "read_points",
     "register",
+    "register_many",
     "write_cloud",
 ]
 
@@ -33,7 +40,10 @@ _HOME_OF = {
     "Cloud": "skipnet.clouds.cloud",
     "read_cloud": "skipnet.clouds.formats.reading",
     "read_points": "skipnet.clouds.formats.reading",
+    "Assembly": "skipnet.projects.assembly",
+    "Project": "skipnet.projects.project",
     "register": "skipnet.registration.pipeline",
+    "register_many": "skipnet.projects.project",
     "write_cloud": "skipnet.clouds.formats.writing",
     "Registration": "skipnet.registration.result",
 }

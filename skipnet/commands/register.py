@@ -14,7 +14,7 @@ from skipnet.commands.errors import EXIT_NOT_REGISTERED, EXIT_OK
 from skipnet.registration.options import RegistrationConfig
 
 if TYPE_CHECKING:
-    from skipnet.projects.project import MultiviewResult
+    from skipnet.projects.assembly import Assembly
     from skipnet.registration.result import Registration
 
 
@@ -72,7 +72,7 @@ class RegisterConfig:
         require(bool(self.output_dir), "output_dir", self.output_dir, "a folder")
 
 
-def register(config: RegisterConfig) -> Registration | MultiviewResult:
+def register(config: RegisterConfig) -> Registration | Assembly:
     """Register what the options name, write the results and return them.
 
     Raises:
@@ -103,9 +103,10 @@ def register(config: RegisterConfig) -> Registration | MultiviewResult:
     return files.register_simulated_pair(folder, choices)
 
 
-def exit_code(result: Registration | MultiviewResult) -> int:
-    """0 when registered, 3 when ambiguous or failed."""
-    return EXIT_OK if result.status == "registered" else EXIT_NOT_REGISTERED
+def exit_code(result: Registration | Assembly) -> int:
+    """0 when registered, all scans in one frame if there are many; 3 when ambiguous or failed."""
+    outcome = result.status if isinstance(result.status, str) else result.outcome
+    return EXIT_OK if outcome == "registered" else EXIT_NOT_REGISTERED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

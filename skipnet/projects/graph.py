@@ -1,26 +1,42 @@
-"""The pose graph: links between scans, a tree of the most trusted, what is left over balanced."""
+"""The pose graph: where scans stand when all links between them are weighed against each other.
+
+Gauss-Newton on sparse normal equations (Lu & Milios, 1997) with a robust kernel: truncated least
+squares by graduated non-convexity (Yang, Antonante, Tzoumas & Carlone, RA-L 2020).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from skipnet.geometry import invert, make_transform, rotation_from_vector, transform_points
-from skipnet.registration.alignment.refinement import refine
-from skipnet.scans.scan import Scan
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 PairKey = tuple[int, int]
 """Numbers of (target, source)."""
-Poses = dict[int, FloatArray]
-"""Per placed scan its (4, 4) pose in the first scan's frame."""
+Poses = Mapping[int, FloatArray]
+"""Per placed scan its (4, 4) pose in the frame of its group's first scan."""
+TYPICAL_SQUARE = 5.35
+"""Median of chi squared with six degrees of freedom, which scales links that claim too much."""
+FARTHEST_SQUARE = 50.0
+"""Links that deviate by more have no say. Chance gives one of a hundred million; half as much would
+be chance enough, were the median not that of residuals, which loops make smaller than errors."""
+GROWTH = 1.4
+"""By which the kernel becomes less convex at each round."""
+MAX_ROUNDS = 60
+MAX_STEPS = 8
+"""Gauss-Newton steps before the first round; every round takes one more."""
+_STILL = 1e-10
+"""Radians and metres by which a step moves nothing any more."""
+_LOOSE = 1e-9
+"""Share of the mean information that every scan has in itself, lest a loose one run away."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """One registered pair as the pose graph sees it."""
+    """What a pair of scans says of its relative pose."""
 
     T_target_source: FloatArray
     """(4, 4) measured pose."""
@@ -38,122 +54,188 @@ class Link:
         return np.concatenate([Rotation.from_matrix(change[:3, :3]).as_rotvec(), shift_m])
 
 
-def measure(source: Scan, target: Scan, T_target_source: FloatArray) -> Link:
-    """What a registered pair determines, from its matches at the fine level.
+@dataclass(frozen=True)
+class Balance:
+    """Balanced poses and what they rest on."""
 
-    Args:
-        source: described source ...
-        target: ... and target.
-        T_target_source: (4, 4) pose between the frames that the scans were given in.
-    """
-    T_own = invert(target.T_given_own) @ T_target_source @ source.T_given_own
-    fine = refine(T_own[None], [(source.fine_skipmap, target.fine_skipmap)], max_steps=1)
-    turn = np.kron(np.eye(2), target.T_given_own[:3, :3])
-    return Link(
-        T_target_source,
-        transform_points(target.T_given_own, fine.centre_m)[0],
-        turn @ fine.information[0] @ turn.T,
-    )
+    poses: Mapping[int, FloatArray]
+    """(4, 4) per scan; the first one stays where it was."""
+    weights: Mapping[PairKey, float]
+    """Of each link: 1 it has its full say, 0 it contradicts the others and has none."""
+    covariances: Mapping[int, FloatArray]
+    """(6, 6) per scan of (rotation, translation) about its own origin, group axes, scaled by how
+    well the links agree; 0 for the first."""
 
 
-def solve(
-    links: Mapping[PairKey, Link], trust: Mapping[PairKey, tuple[float, ...]], limit_m: float
-) -> tuple[Poses, set[PairKey]]:
-    """Place scans along the most trusted tree, then balance them with all that agrees with it.
-
-    Args:
-        links: every registered pair.
-        trust: of each; larger is better.
-        limit_m: a link whose overlap the tree puts farther off has no say.
-
-    Returns:
-        Poses of the scans that are connected with scan 0, and the links that had a say.
-    """
-    poses = place(spanning_tree(trust), links)
-    agreeing = {
-        key: link
-        for key, link in links.items()
-        if key[0] in poses and key[1] in poses and closure_m(link, key, poses) <= limit_m
-    }
-    return balance(poses, agreeing), set(agreeing)
-
-
-def spanning_tree(trust: Mapping[PairKey, tuple[float, ...]]) -> list[PairKey]:
-    """The pairs of most trust that connect scan 0 with all it can reach, in the order of growth.
-
-    >>> spanning_tree({(0, 1): (0.9,), (0, 2): (0.5,), (1, 2): (0.8,), (3, 4): (1.0,)})
-    [(0, 1), (1, 2)]
-    """
-    reached: set[int] = {0}
-    tree: list[PairKey] = []
-    while True:
-        frontier = [key for key in trust if (key[0] in reached) != (key[1] in reached)]
-        if not frontier:
-            return tree
-        tree.append(max(frontier, key=lambda key: trust[key]))
-        reached.update(tree[-1])
-
-
-def place(tree: Sequence[PairKey], links: Mapping[PairKey, Link]) -> Poses:
-    """Poses of the scans that the tree reaches, multiplied up along it."""
-    poses: Poses = {0: np.eye(4)}
-    for target, source in tree:
-        T_target_source = links[target, source].T_target_source
-        if target in poses:
-            poses[source] = poses[target] @ T_target_source
-        else:
-            poses[target] = poses[source] @ invert(T_target_source)
-    return poses
-
-
-def closure_m(link: Link, key: PairKey, poses: Poses) -> float:
-    """How far poses put the centre of a pair's overlap from where the pair itself does, metres."""
-    return float(np.linalg.norm(link.deviation(_relative(poses, key))[3:]))
-
-
-def balance(poses: Poses, links: Mapping[PairKey, Link]) -> Poses:
-    """Spread the contradictions of loops over all links by what each determines (pose graph).
-
-    Minimises the sum of deviation^T information deviation over the links (Lu & Milios, 1997), by
-    SciPy's least squares; the first scan stays.
-
-    Args:
-        poses: where to start from; scan 0 is among them.
-        links: registered pairs among these scans.
-    """
-    from scipy.optimize import least_squares
-
-    free = [scan for scan in poses if scan > 0]
-    if len(links) <= len(free):
-        return poses  # a tree: nothing contradicts anything
-    roots = {key: _square_root(link.information) for key, link in links.items()}
-
-    def moved(steps: FloatArray) -> Poses:
-        """The poses after (6 K,) steps: of each free scan, a rotation vector and a shift."""
-        result = dict(poses)
-        for scan, step in zip(free, steps.reshape(-1, 6), strict=True):
-            rotation = rotation_from_vector(step[:3]) @ poses[scan][:3, :3]
-            result[scan] = make_transform(rotation, poses[scan][:3, 3] + step[3:])
-        return result
-
-    def residuals(steps: FloatArray) -> FloatArray:
-        """(6 L,) deviations of all links after the steps, in standard deviations."""
-        current = moved(steps)
-        deviations = (
-            roots[key] @ link.deviation(_relative(current, key)) for key, link in links.items()
-        )
-        return np.concatenate(list(deviations))
-
-    return moved(least_squares(residuals, np.zeros(6 * len(free)), x_scale="jac").x)
-
-
-def _relative(poses: Poses, key: PairKey) -> FloatArray:
+def relative(poses: Poses, key: PairKey) -> FloatArray:
     """(4, 4) T_target_source between two placed scans."""
     target, source = key
     return invert(poses[target]) @ poses[source]
 
 
-def _square_root(information: FloatArray) -> FloatArray:
-    """A matrix W with W^T W = information."""
-    values, vectors = np.linalg.eigh(information)
-    return np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+def closure_m(link: Link, key: PairKey, poses: Poses) -> float:
+    """How far poses put the centre of a pair's overlap from where the pair itself does, metres."""
+    return float(np.linalg.norm(link.deviation(relative(poses, key))[3:]))
+
+
+def balance(poses: Poses, links: Mapping[PairKey, Link]) -> Balance:
+    """Spread the contradictions of loops over all links by what each determines.
+
+    Args:
+        poses: where to start from; the lowest number stays.
+        links: between these scans; together they connect them.
+    """
+    if not links:
+        return Balance(dict(poses), {}, dict.fromkeys(poses, np.zeros((6, 6))))
+    graph = _Graph(dict(poses), dict(links))
+    weights: FloatArray = np.ones(len(links))
+    for _ in range(MAX_STEPS):
+        if graph.step(weights) < _STILL:
+            break
+    weights = graph.graduate()
+    return Balance(
+        graph.poses,
+        dict(zip(graph.keys, weights.tolist(), strict=True)),
+        graph.covariances(weights),
+    )
+
+
+class _Graph:
+    """Poses that move, links that stay."""
+
+    def __init__(self, poses: dict[int, FloatArray], links: dict[PairKey, Link]) -> None:
+        self.poses = poses
+        self.keys = sorted(links)
+        self._links = [links[key] for key in self.keys]
+        self._row = {scan: row for row, scan in enumerate(sorted(poses))}
+        self._information = np.array([link.information for link in self._links])
+        self._inverse_measured = invert(np.array([link.T_target_source for link in self._links]))
+        self._centres_m = np.array([link.centre_m for link in self._links])
+        self._ends: IntArray = np.array([[self._row[t], self._row[s]] for t, s in self.keys])
+
+    def deviations(self) -> FloatArray:
+        """(L, 6) of all links, as ``Link.deviation`` has them."""
+        from scipy.spatial.transform import Rotation
+
+        T = np.array([self.poses[scan] for scan in sorted(self.poses)])
+        found = invert(T[self._ends[:, 0]]) @ T[self._ends[:, 1]]
+        change = found @ self._inverse_measured
+        shift_m = np.einsum("lij,lj->li", change[:, :3, :3], self._centres_m) + change[:, :3, 3]
+        turns = Rotation.from_matrix(change[:, :3, :3]).as_rotvec()
+        return np.hstack([turns, shift_m - self._centres_m])
+
+    def squares(self) -> FloatArray:
+        """(L,) squared deviations in standard deviations, as the links claim them."""
+        found = self.deviations()
+        squares: FloatArray = np.einsum("li,lij,lj->l", found, self._information, found)
+        return squares
+
+    def graduate(self) -> FloatArray:
+        """(L,) weights of truncated least squares, reached from the convex side."""
+        squares = self.squares()
+        limit = FARTHEST_SQUARE * _scale(squares)
+        if squares.max() <= limit:
+            return np.ones(len(squares))
+        mu = limit / (2 * squares.max() - limit)
+        for _ in range(MAX_ROUNDS):
+            weights = _truncated(squares, limit, mu)
+            self.step(weights)
+            squares = self.squares()
+            limit = FARTHEST_SQUARE * _scale(squares[weights > 0])
+            mu *= GROWTH
+            if ((weights == 0) | (weights == 1)).all():
+                break
+        for _ in range(MAX_STEPS):  # who agrees in the end has a say, whatever happened on the way
+            squares = self.squares()
+            weights = (squares <= FARTHEST_SQUARE * _scale(squares[weights > 0])).astype(float)
+            if self.step(weights) < _STILL:
+                break
+        return weights
+
+    def step(self, weights: FloatArray) -> float:
+        """Move the poses by one Gauss-Newton step; return the largest motion."""
+        from scipy.sparse.linalg import splu
+
+        matrix, gradient = self._normal_equations(weights)
+        steps = np.concatenate([np.zeros(6), splu(matrix).solve(-gradient)]).reshape(-1, 6)
+        for scan, row in self._row.items():
+            T = self.poses[scan]
+            turned = rotation_from_vector(steps[row, :3]) @ T[:3, :3]
+            self.poses[scan] = make_transform(turned, T[:3, 3] + steps[row, 3:])
+        return float(np.abs(steps).max())
+
+    def covariances(self, weights: FloatArray) -> dict[int, FloatArray]:
+        """Of each scan's pose, from the inverse of the information."""
+        from scipy.sparse.linalg import splu
+
+        squares = self.squares()[weights > 0]
+        scale = max(1.0, _scale(squares)) if len(squares) else 1.0
+        matrix, _ = self._normal_equations(weights)
+        solver = splu(matrix)
+        result: dict[int, FloatArray] = {min(self.poses): np.zeros((6, 6))}
+        for scan, row in self._row.items():
+            if row > 0:
+                unit = np.zeros((matrix.shape[0], 6))
+                unit[6 * (row - 1) : 6 * row] = np.eye(6)
+                result[scan] = scale * solver.solve(unit)[6 * (row - 1) : 6 * row]
+        return result
+
+    def _normal_equations(self, weights: FloatArray):  # type: ignore[no-untyped-def]
+        """Sparse matrix and gradient over all scans but the first."""
+        from scipy.sparse import coo_matrix
+
+        jacobians = self._jacobians()
+        weighted = weights[:, None, None] * self._information
+        blocks = np.einsum("laji,ljk,lbkm->labim", jacobians, weighted, jacobians)
+        towards = np.einsum("laji,ljk,lk->lai", jacobians, weighted, self.deviations())
+        size = 6 * len(self._row)
+        columns = 6 * self._ends[..., None] + np.arange(6)
+        rows = np.broadcast_to(columns[:, :, None, :, None], blocks.shape)
+        across = np.broadcast_to(columns[:, None, :, None, :], blocks.shape)
+        entries = (blocks.ravel(), (rows.ravel(), across.ravel()))
+        matrix = coo_matrix(entries, shape=(size, size)).tocsc()[6:, 6:]
+        gradient = np.bincount(columns.ravel(), towards.ravel(), minlength=size)[6:]
+        diagonal = matrix.diagonal()
+        loose = coo_matrix(
+            (np.full(size - 6, _LOOSE * max(diagonal.mean(), 1e-12)), (range(size - 6),) * 2)
+        )
+        return (matrix + loose).tocsc(), gradient
+
+    def _jacobians(self) -> FloatArray:
+        """(L, 2, 6, 6) of the deviations by small motions of (target, source).
+
+        A scan's motion turns it about its own origin and shifts it, both in the group's axes.
+        """
+        T_t = np.array([self.poses[target] for target, _ in self.keys])
+        origins_m = np.array([self.poses[scan][:3, 3] for scan in sorted(self.poses)])
+        centres_m = np.einsum("lij,lj->li", T_t[:, :3, :3], self._centres_m) + T_t[:, :3, 3]
+        back = np.swapaxes(T_t[:, :3, :3], 1, 2)
+        result = np.zeros((len(self.keys), 2, 6, 6))
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            lever_m = centres_m - origins_m[self._ends[:, end]]
+            result[:, end, :3, :3] = sign * back
+            result[:, end, 3:, 3:] = sign * back
+            result[:, end, 3:, :3] = -sign * back @ _cross(lever_m)
+        return result
+
+
+def _truncated(squares: FloatArray, limit: float, mu: float) -> FloatArray:
+    """(L,) weights of the graduated kernel (equation 14 of the paper)."""
+    low, high = mu / (mu + 1) * limit, (mu + 1) / mu * limit
+    between = np.sqrt(limit * mu * (mu + 1) / np.maximum(squares, 1e-300)) - mu
+    weights: FloatArray = np.where(squares <= low, 1.0, np.where(squares >= high, 0.0, between))
+    return weights.clip(0.0, 1.0)
+
+
+def _scale(squares: FloatArray) -> float:
+    """By how much links understate their variance, from what most of them deviate."""
+    return max(float(np.median(squares)) / TYPICAL_SQUARE, 1.0)
+
+
+def _cross(vectors: FloatArray) -> FloatArray:
+    """(..., 3, 3) matrices M with M x = vector cross x."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    matrices: FloatArray = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return matrices

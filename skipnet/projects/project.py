@@ -1,44 +1,177 @@
-"""Many scans in one frame: register pairs, trust the best of them, balance what is left over."""
+"""Many scans, one model: scans are added, pairs are searched once, links are weighed together."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import os
+from collections.abc import Callable, Sequence
 from itertools import combinations
+from pathlib import Path
 
 from skipnet.networks.catalog import find_network
-from skipnet.projects.graph import PairKey, Poses, closure_m, measure, solve
+from skipnet.projects.arbiter import Arbiter, Decision
+from skipnet.projects.assembly import Assembly
+from skipnet.projects.deciding import assemble
+from skipnet.projects.groups import Joiner, PairKey
+from skipnet.projects.retrieval import worth_searching
+from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search
+from skipnet.projects.store import PairStore, digest, pair_key
+from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig
-from skipnet.registration.pipeline import clean, register_scans
-from skipnet.registration.result import Registration
+from skipnet.registration.pipeline import clean
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.given import ScanLike, taken
 from skipnet.scans.scan import Scan, Viewpoint, describe
-from skipnet.types import FloatArray
+from skipnet.skipmap.tree import Points, check_voxel_size
 
-MAX_CLOSURE_VOXELS = 1.0
-"""A pair that puts the centre of its overlap farther off than the more trusted ones do is wrong."""
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how much of it is done, and how much there is."""
 
 
-@dataclass(frozen=True)
-class MultiviewResult:
-    """Where every scan stands, and what that rests on."""
+class Project:
+    """Scans of one or several scenes, added in any order.
 
-    T_first_scan: list[FloatArray | None]
-    """Per scan the (4, 4) pose in the first scan's frame; None where nothing connects it."""
-    pairs: dict[PairKey, Registration]
-    """What registering each pair (target, source) gave."""
-    closures_m: dict[PairKey, float]
-    """Of every registered pair among placed scans: how far its own pose and the final poses put
-    the centre of its overlap apart, metres. 0 where nothing else constrains it."""
-    rejected: list[PairKey]
-    """Registered pairs that contradict more trusted ones and had no say."""
-    status: str
-    """"registered" when every scan has its place, else "failed"."""
-    reason: str
-    """One sentence for a person."""
-    timings_s: dict[str, float] = field(default_factory=dict)
-    """Seconds per stage."""
+    Example::
+
+        project = skipnet.Project("out/project")
+        for path in paths:
+            project.add(path)
+        model = project.solve()
+        project.add(one_more)
+        model = project.solve()  # searches the new pairs only
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str] | None = None,
+        *,
+        voxel_size_m: float | None = None,
+        seed: int = 0,
+        config: RegistrationConfig | None = None,
+    ) -> None:
+        """Begin a project.
+
+        Args:
+            folder: where searched pairs are kept as they come, so that a run that was ended goes on
+                where it was; None keeps them in memory only.
+            voxel_size_m: edge of a voxel; None chooses it from the scans when they are first
+                solved, and keeps it.
+            seed: of every random choice.
+            config: everything else; None takes the defaults.
+
+        Raises:
+            ValueError: the voxel size is no length.
+        """
+        if voxel_size_m is not None:
+            check_voxel_size(voxel_size_m)
+        self.voxel_size_m = voxel_size_m
+        self._seed = seed
+        self._config = config or RegistrationConfig()
+        self._store = PairStore(None if folder is None else Path(folder) / "pairs")
+        self._given: list[tuple[Points, Viewpoint]] = []
+        self._digests: list[str] = []
+        self._scans: list[Scan] = []
+        self._outcomes: dict[PairKey, list[Outcome]] = {}
+
+    def __len__(self) -> int:
+        """How many scans there are."""
+        return len(self._digests)
+
+    def add(self, scan: ScanLike, viewpoint: Viewpoint = "auto") -> int:
+        """Add a scan; return its number.
+
+        Args:
+            scan: as ``skipnet.register`` takes it.
+            viewpoint: sensor position in the scan's frame, likewise.
+
+        Raises:
+            ValueError: it is no point cloud.
+        """
+        number = len(self)
+        cloud_m, viewpoint = taken(scan, viewpoint, f"scans[{number}]", f"viewpoints[{number}]")
+        self._given.append((cloud_m, viewpoint))
+        self._digests.append(digest(cloud_m, viewpoint))
+        return number
+
+    def solve(self, progress: Progress | None = None) -> Assembly:
+        """Search the pairs that have not been searched, and decide where every scan stands.
+
+        Every pair is asked with the cheap generators; where groups remain that nothing joins, a few
+        pairs between them are asked with the costly ones. Neither the order of the work nor where
+        it was interrupted changes the result.
+
+        Raises:
+            ValueError: fewer than two scans.
+        """
+        if len(self) < 2:
+            raise ValueError(f"got {len(self)} scans: expected two or more")
+        tell = progress or (lambda stage, done, of: None)
+        clock = Stopwatch()
+        with clock("skip-map"):
+            self._describe()
+        with clock("pairs"):
+            keys = list(combinations(range(len(self)), 2))
+            self._search(keys, cheap(self._config), 0, "pairs", tell)
+        witness = Witness([scan.evidence for scan in self._scans])
+        with clock("groups"):
+            joiner, decision = self._decide(keys, 1, witness)
+        more, chosen = costly(self._config), []
+        if more is not None and len(decision.groups) > 1:
+            with clock("pairs"):
+                chosen = worth_searching(decision, joiner)
+                self._search(chosen, more, 1, "pairs between groups", tell)
+            with clock("groups"):
+                joiner, decision = self._decide(keys, 2, witness, chosen)
+        with clock("pose graph"):
+            used = {key: self._outcomes[key] for key in keys}
+            return assemble(decision, joiner, used, self._scans, clock.seconds)
+
+    def _describe(self) -> None:
+        """Describe the scans that are new, with the project's voxel size."""
+        fresh = self._given[len(self._scans) :]
+        if not fresh:
+            return
+        clouds_m = [clean(cloud_m, self._config) for cloud_m, _ in fresh]
+        viewpoints = [viewpoint for _, viewpoint in fresh]
+        network = find_network(self._config.network, self._config.device)
+        self._scans += describe(clouds_m, viewpoints, self.voxel_size_m, self._seed, network)
+        self.voxel_size_m = self._scans[0].skipmap.voxel_size_m
+
+    def _search(
+        self,
+        keys: Sequence[PairKey],
+        config: RegistrationConfig,
+        position: int,
+        stage: str,
+        tell: Progress,
+    ) -> None:
+        """Search the pairs of which less than ``position`` + 1 outcomes are known."""
+        assert self.voxel_size_m is not None
+        for done, key in enumerate(keys):
+            tell(stage, done, len(keys))
+            known = self._outcomes.setdefault(key, [])
+            if len(known) > position:
+                continue
+            digests = self._digests[key[0]], self._digests[key[1]]
+            name = pair_key(digests, self.voxel_size_m, self._seed, config)
+            outcome = self._store.load(name)
+            if outcome is None:
+                target, source = key
+                outcome = search(self._scans[source], self._scans[target], config)
+                self._store.save(name, outcome)
+            known.append(outcome)
+        tell(stage, len(keys), len(keys))
+
+    def _decide(
+        self, keys: Sequence[PairKey], depth: int, witness: Witness, more: Sequence[PairKey] = ()
+    ) -> tuple[Joiner, Decision]:
+        """Groups from the first outcome of every pair, and from the second of some.
+
+        What earlier calls searched more stays out: the same scans give the same result, whether
+        they came at once or one by one.
+        """
+        some = {key: self._outcomes[key][: depth if key in set(more) else 1] for key in keys}
+        joiner = Joiner(all_proposals(some, self._scans, witness), witness)
+        return joiner, Arbiter(joiner).decide(range(len(self)))
 
 
 def register_many(
@@ -48,98 +181,33 @@ def register_many(
     voxel_size_m: float | None = None,
     seed: int = 0,
     config: RegistrationConfig | None = None,
-) -> MultiviewResult:
-    """Bring scans of one scene into the frame of the first, without a guess.
+    folder: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> Assembly:
+    """Bring many scans together, in no order and without a guess, as far as they say for sure.
 
-    Every scan is described once and every pair registered. The registered pairs of most confidence
-    that connect the scans place them; the others, where they do not contradict these, balance the
-    poses (pose graph, weighted by what each pair determines). Time grows with the square of the
-    number of scans.
+    Scans that nothing connects stay apart, those that fit in several places are named. To add scans
+    later, use ``skipnet.Project``.
 
     Args:
-        scans: two or more (N, 3) point clouds, each in its own frame, metres; see
-            ``skipnet.register``.
+        scans: two or more scans, each in its own frame, metres; as ``skipnet.register`` takes them.
         viewpoints: of each scan as in ``skipnet.register``; None finds all of them out.
         voxel_size_m: edge of a voxel; None chooses it from the data.
         seed: of every random choice.
         config: everything else; None takes the defaults.
+        folder: where searched pairs are kept, so that a run that was ended goes on; None: nowhere.
+        progress: told about the work as it goes on.
 
     Raises:
         ValueError: fewer than two scans, one that is no point cloud, or viewpoints that do not fit.
     """
-    config = config or RegistrationConfig()
-    clock = Stopwatch()
-    with clock("skip-map"):
-        described = _describe_all(scans, viewpoints, voxel_size_m, seed, config)
-    with clock("pairs"):
-        pairs = {
-            (target, source): register_scans(
-                described[source], described[target], config, Stopwatch()
-            )
-            for target, source in combinations(range(len(described)), 2)
-        }
-    with clock("pose graph"):
-        links = {
-            (target, source): measure(described[source], described[target], pair.T_target_source)
-            for (target, source), pair in pairs.items()
-            if pair.status == "registered"
-        }
-        limit_m = MAX_CLOSURE_VOXELS * described[0].skipmap.voxel_size_m
-        poses, agreeing = solve(links, {key: _trust(pairs[key]) for key in links}, limit_m)
-        links = {key: link for key, link in links.items() if key[0] in poses and key[1] in poses}
-    rejected = [key for key in links if key not in agreeing]
-    status, reason = _verdict(poses, len(described), pairs, len(rejected))
-    return MultiviewResult(
-        T_first_scan=[poses.get(scan) for scan in range(len(described))],
-        pairs=pairs,
-        closures_m={key: closure_m(link, key, poses) for key, link in links.items()},
-        rejected=rejected,
-        status=status,
-        reason=reason,
-        timings_s=clock.seconds,
-    )
-
-
-def _describe_all(
-    scans: Sequence[ScanLike],
-    viewpoints: Sequence[Viewpoint] | None,
-    voxel_size_m: float | None,
-    seed: int,
-    config: RegistrationConfig,
-) -> list[Scan]:
-    if len(scans) < 2:
-        raise ValueError(f"got {len(scans)} scans: expected two or more")
     if viewpoints is None:
         viewpoints = ["auto"] * len(scans)
     if len(viewpoints) != len(scans):
         raise ValueError(
             f"got {len(viewpoints)} viewpoints for {len(scans)} scans: expected one each"
         )
-    given = [
-        taken(scan, viewpoint, f"scans[{number}]", f"viewpoints[{number}]")
-        for number, (scan, viewpoint) in enumerate(zip(scans, viewpoints, strict=True))
-    ]
-    clouds_m = [clean(cloud_m, config) for cloud_m, _ in given]
-    found = [viewpoint for _, viewpoint in given]
-    network = find_network(config.network, config.device)
-    return describe(clouds_m, found, voxel_size_m, seed, network)
-
-
-def _trust(pair: Registration) -> tuple[float, float]:
-    """Confidence to two digits, then overlap: near-certain pairs differ in what they share."""
-    return round(pair.confidence, 2), pair.findings.overlap if pair.findings else 0.0
-
-
-def _verdict(
-    poses: Poses, count: int, pairs: Mapping[PairKey, Registration], rejected: int
-) -> tuple[str, str]:
-    lost = [scan for scan in range(count) if scan not in poses]
-    registered = sum(pair.status == "registered" for pair in pairs.values())
-    found = f"{registered} of {len(pairs)} pairs registered"
-    if rejected:
-        found += f", {rejected} of them rejected because others contradict them"
-    if not lost:
-        return "registered", f"{found}; they connect all {count} scans"
-    names = ", ".join(str(scan) for scan in lost)
-    plural = "scans" if len(lost) > 1 else "scan"
-    return "failed", f"{found}; nothing connects {plural} {names} with scan 0"
+    project = Project(folder, voxel_size_m=voxel_size_m, seed=seed, config=config)
+    for scan, viewpoint in zip(scans, viewpoints, strict=True):
+        project.add(scan, viewpoint)
+    return project.solve(progress)

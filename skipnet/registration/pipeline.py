@@ -26,7 +26,7 @@ from skipnet.registration.verdict import Verdict
 from skipnet.scans.given import ScanLike, taken
 from skipnet.scans.scan import Scan, Viewpoint, describe
 from skipnet.skipmap.tree import Points, check_voxel_size, points_of
-from skipnet.types import Status
+from skipnet.types import FloatArray, Status
 
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
@@ -80,7 +80,6 @@ def register(
     return register_scans(scans[0], scans[1], config, clock)
 
 
-@one_blas_thread
 def register_scans(
     source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch
 ) -> Registration:
@@ -89,6 +88,14 @@ def register_scans(
     The search knows neither which scan is called the source nor the frames they were given in, so
     swapping the scans gives the inverse and moving one of them moves the answer along.
     """
+    return register_with_finalists(source, target, config, clock)[0]
+
+
+@one_blas_thread
+def register_with_finalists(
+    source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch
+) -> tuple[Registration, FloatArray]:
+    """As ``register_scans``, with the (K, 4, 4) distinct poses that were in the last round."""
     moving, fixed = sorted((source, target), key=lambda scan: scan.rank)
     answer = search(moving, fixed, config, clock)
     if moving is not source:
@@ -97,7 +104,7 @@ def register_scans(
         lambda T_own: target.T_given_own @ T_own @ invert(source.T_given_own),
         target.T_given_own[:3, :3],
     )
-    return Registration(
+    result = Registration(
         T_target_source=answer.T_target_source,
         T_target_source_coarse=answer.T_target_source_coarse,
         status=answer.verdict.status,
@@ -110,6 +117,7 @@ def register_scans(
         timings_s=clock.seconds,
         network=source.network.digest,
     )
+    return result, answer.finalists
 
 
 def _facts(scan: Scan) -> ScanFacts:

@@ -21,6 +21,7 @@ from skipnet.registration.result import Registration
 from skipnet.results.clouds import output_names, write_aligned, write_merged
 from skipnet.results.inputs import Given, check_not_overwritten, read_given, read_given_scans
 from skipnet.results.pair import pair_page, result_json
+from skipnet.results.plan import plan_of
 from skipnet.results.project import poses_json, scans_page
 from skipnet.scans.scan import Viewpoint
 from skipnet.skipmap.tree import points_of
@@ -28,11 +29,15 @@ from skipnet.storage import write_bytes, write_text
 from skipnet.types import FloatArray, Pair
 
 if TYPE_CHECKING:
-    from skipnet.projects.project import MultiviewResult
+    from skipnet.projects.assembly import Assembly
 
 PAIR_OUTPUTS = ("result.json", "before_after.png", "report.html")
 SCANS_OUTPUTS = ("poses.json", "scans.png", "report.html")
+MAX_PLANS = 4
+"""Groups of which the plan is drawn."""
 SIMULATED_FAMILY = "paper_room"
+LONG_STAGE = 20
+"""Pairs from which on progress is told."""
 
 
 @dataclass(frozen=True)
@@ -93,13 +98,12 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     return result
 
 
-def register_scan_files(
-    paths: Sequence[Path], output_dir: Path, choices: Choices
-) -> MultiviewResult:
-    """Bring scans into the frame of the first; write ``SCANS_OUTPUTS`` and the merged cloud.
+def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choices) -> Assembly:
+    """Bring many scans together; write ``SCANS_OUTPUTS`` and a merged cloud of each group.
 
-    A file may hold several scans. Every scan's viewpoint is the file's or found out; those of
-    ``choices`` are for pairs.
+    Pairs are kept in ``output_dir/pairs`` as they are searched: a run that was ended goes on where
+    it was. A file may hold several scans. Every scan's viewpoint is the file's or found out; those
+    of ``choices`` are for pairs.
 
     Raises:
         FileNotFoundError: an input is missing; nothing has been written.
@@ -116,13 +120,22 @@ def register_scan_files(
         voxel_size_m=choices.voxel_size_m,
         seed=choices.seed,
         config=choices.registration,
+        folder=output_dir,
+        progress=_tell,
     )
     labels = [scan.cloud.name for scan in scans]
-    png = _write_placed(scans, result.T_first_scan, output_dir, names, choices)
-    write_text(output_dir / "report.html", scans_page(result, labels, png, choices.seed))
+    png = _write_groups(scans, result, output_dir, names, choices)
+    plan = _plan(scans, result)
+    write_text(output_dir / "report.html", scans_page(result, labels, png, plan, choices.seed))
     write_text(output_dir / "poses.json", poses_json(result, labels, choices.seed))
-    _announce(result.status, result.reason, scans, output_dir)
+    _announce(result.outcome, result.reason, scans, output_dir)
     return result
+
+
+def _tell(stage: str, done: int, of: int) -> None:
+    """A line on the terminal at every tenth of a long stage."""
+    if of >= LONG_STAGE and done and (10 * done) // of > (10 * (done - 1)) // of:
+        print(f"{stage}: {done} of {of}", flush=True)
 
 
 def _register(
@@ -169,31 +182,51 @@ def _write_pair(
     _announce(outcome, result.reason, [source, target], output_dir)
 
 
-def _write_placed(
+def _write_groups(
     scans: Sequence[Given],
-    T_first_scan: Sequence[FloatArray | None],
+    result: Assembly,
     output_dir: Path,
     names: Sequence[str],
     choices: Choices,
 ) -> bytes:
-    """Write the merged cloud of the scans that found a place, and a picture of it; return that."""
+    """Write a merged cloud of each group, and a picture of the largest one; return that."""
     from matplotlib.colors import to_rgb
 
     from skipnet.viz.colours import scan_colour
     from skipnet.viz.pictures import draw_scans
     from skipnet.viz.views import png_bytes
 
-    placed, labels = [], []
-    for number, (scan, T) in enumerate(zip(scans, T_first_scan, strict=True)):
-        if T is not None:
-            cloud = Cloud(points_of(scan.points_m)) if scan.is_large else scan.cloud
-            placed.append(cloud.moved(T))
-            labels.append(f"{number}: {Path(scan.cloud.name).name}")
-    tints = [np.multiply(to_rgb(scan_colour(index)), 255) for index in range(len(placed))]
-    write_merged(placed, tints, choices.colour_by_scan, output_dir, names)
-    png = png_bytes(draw_scans([cloud.points_m for cloud in placed], labels))
+    large = [group for group in result.groups if len(group) > 1] or result.groups[:1]
+    for number, group in enumerate(large):
+        placed = [_placed(scans[scan], result.T_group_scan[scan]) for scan in group]
+        tints = [np.multiply(to_rgb(scan_colour(index)), 255) for index in range(len(placed))]
+        own = [_numbered(name, number) for name in names]
+        write_merged(placed, tints, choices.colour_by_scan, output_dir, own)
+        if number == 0:
+            labels = [f"{scan}: {Path(scans[scan].cloud.name).name}" for scan in group]
+            png = png_bytes(draw_scans([cloud.points_m for cloud in placed], labels))
     write_bytes(output_dir / "scans.png", png)
     return png
+
+
+def _numbered(name: str, group: int) -> str:
+    """``merged.ply`` of the largest group, ``merged_1.ply`` of the next."""
+    path = Path(name)
+    return name if group == 0 else f"{path.stem}_{group}{path.suffix}"
+
+
+def _placed(scan: Given, T_group_scan: FloatArray) -> Cloud:
+    cloud = Cloud(points_of(scan.points_m)) if scan.is_large else scan.cloud
+    return cloud.moved(T_group_scan)
+
+
+def _plan(scans: Sequence[Given], result: Assembly) -> bytes:
+    """The picture of the groups from above with their links."""
+    from skipnet.viz.plans import draw_plans
+    from skipnet.viz.views import png_bytes
+
+    large = [group for group in result.groups if len(group) > 1] or result.groups[:1]
+    return png_bytes(draw_plans([plan_of(scans, result, group) for group in large[:MAX_PLANS]]))
 
 
 def _announce(outcome: str, reason: str, scans: Sequence[Given], output_dir: Path) -> None:

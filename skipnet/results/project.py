@@ -4,45 +4,35 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from skipnet.provenance import versions
 from skipnet.results.pair import footer, registration_fields
 from skipnet.storage import plain
-from skipnet.types import FloatArray
 from skipnet.viz import html
 
 if TYPE_CHECKING:
-    from skipnet.projects.project import MultiviewResult
+    from skipnet.projects.assembly import Assembly
 
 
-def poses_json(result: MultiviewResult, names: Sequence[str], seed: int) -> str:
-    """``poses.json``: each scan's transform into the first's frame (null: no place), and the pairs.
+def poses_json(result: Assembly, names: Sequence[str], seed: int) -> str:
+    """``poses.json``: groups, each scan's pose in its group, and every pair that was tried.
 
-    A pair's ``T_target_source`` maps scan number ``source`` into the frame of scan number
-    ``target``. ``rejected`` says that it contradicts more trusted pairs and had no say, and
-    ``closure_m`` how far the final poses put the scans from where the pair itself does (null:
-    not registered, or without a place).
+    ``T_group_scan`` maps a scan into the frame of its group's first scan. A scan that is
+    ``ambiguous`` is a group of its own; ``places`` lists where it may stand. A pair's
+    ``T_target_source`` maps scan number ``source`` into the frame of scan number ``target``;
+    ``word`` says what became of it, and ``closure_m`` how far the final poses put the middle of its
+    overlap from where the pair alone does (null: no link of a group).
     """
-    scans = [
-        {"path": name, "T_first_scan": T_first_scan}
-        for name, T_first_scan in zip(names, result.T_first_scan, strict=True)
-    ]
-    pairs = [
-        {
-            "target": target,
-            "source": source,
-            **registration_fields(pair),
-            "rejected": (target, source) in result.rejected,
-            "closure_m": result.closures_m.get((target, source)),
-        }
-        for (target, source), pair in result.pairs.items()
-    ]
     content = {
-        "status": result.status,
+        "status": result.outcome,
         "reason": result.reason,
-        "scans": scans,
-        "pairs": pairs,
+        "groups": result.groups,
+        "scans": [_scan(result, number, name) for number, name in enumerate(names)],
+        "pairs": [_pair(result, key) for key in sorted(result.pairs)],
+        "reliability": result.reliability,
         "timings_s": result.timings_s,
         "seed": seed,
         "versions": versions(),
@@ -50,46 +40,148 @@ def poses_json(result: MultiviewResult, names: Sequence[str], seed: int) -> str:
     return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
-def scans_page(result: MultiviewResult, names: Sequence[str], png: bytes, seed: int) -> str:
-    """``report.html`` of many scans: where each stands, and what every pair said."""
-    places = [
-        (number, name, *_origin(T_first_scan))
-        for number, (name, T_first_scan) in enumerate(zip(names, result.T_first_scan, strict=True))
-    ]
-    pairs = [
-        (
-            f"{source} into {target}",
-            f"{pair.status}, rejected" if key in result.rejected else pair.status,
-            f"{pair.confidence:.2f}",
-            pair.reason,
-            f"{1000 * result.closures_m[key]:.1f}" if key in result.closures_m else "",
-        )
-        for key, pair in result.pairs.items()
-        for target, source in [key]
-    ]
-    seconds = [(stage, f"{time_s:.3f}") for stage, time_s in result.timings_s.items()]
+def scans_page(result: Assembly, names: Sequence[str], png: bytes, plan: bytes, seed: int) -> str:
+    """``report.html`` of many scans: where each stands, what is in doubt, what every pair said.
+
+    Args:
+        result: of the registration.
+        names: of the scans.
+        png: picture of the scans of the largest group.
+        plan: picture of the scans' places from above, with the links between them.
+        seed: of the run.
+    """
     return html.page(
         f"Registration of {len(names)} scans",
-        html.status_banner(result.status, result.reason),
-        html.picture(png, "Every placed scan in the frame of the first."),
-        html.section("Scans", html.table(["number", "file", "x (m)", "y (m)", "z (m)"], places)),
-        html.paragraph(
-            "x, y, z: the scan's origin in the frame of the first; empty where it found no place."
+        html.status_banner(result.outcome, result.reason),
+        html.picture(png, "The scans of the largest group, in the frame of its first."),
+        html.picture(
+            plan,
+            "Every group from above, with its links. Thick: much overlap. Red: contradicts the "
+            "others and has no say. Dashed: a pair that registered, but that other scans refute.",
         ),
+        html.section("In doubt", *_doubts(result, names)),
+        html.section("Scans", _scans_table(result, names), _SCANS_HELP),
+        html.section("Links", _links_table(result), _LINKS_HELP),
+        html.section("Pairs", _pairs_table(result), _PAIRS_HELP),
         html.section(
-            "Pairs",
-            html.table(["pair", "status", "confidence", "reason", "closure (mm)"], pairs),
-            html.paragraph(
-                "closure: how far the final poses put the two scans from where the pair itself "
-                "does. rejected: the pair contradicts more trusted ones and had no say."
+            "Time",
+            html.table(
+                ["stage", "seconds"],
+                [(stage, f"{time_s:.3f}") for stage, time_s in result.timings_s.items()],
             ),
         ),
-        html.section("Time", html.table(["stage", "seconds"], seconds)),
         footer(seed),
     )
 
 
-def _origin(T_first_scan: FloatArray | None) -> list[str]:
-    if T_first_scan is None:
-        return ["", "", ""]
-    return [f"{coordinate_m:.3f}" for coordinate_m in T_first_scan[:3, 3]]
+def _scan(result: Assembly, number: int, name: str) -> dict[str, Any]:
+    places = result.places.get(number, [])
+    return {
+        "path": name,
+        "group": result.group_of[number],
+        "status": result.status[number],
+        "T_group_scan": result.T_group_scan[number],
+        "position_std_m": result.position_std_m[number],
+        "rotation_std_rad": result.rotation_std_rad[number],
+        "places": [{"group": place.group, "T_group_scan": place.T_group_scan} for place in places],
+    }
+
+
+def _pair(result: Assembly, key: tuple[int, int]) -> dict[str, Any]:
+    link = result.links.get(key)
+    return {
+        "target": key[0],
+        "source": key[1],
+        **registration_fields(result.pairs[key]),
+        "word": result.words[key],
+        "overlap": link and link.overlap,
+        "violation": link and link.violation,
+        "closure_m": link and link.closure_m,
+        "weight": link and link.weight,
+    }
+
+
+def _doubts(result: Assembly, names: Sequence[str]) -> list[str]:
+    """What is in doubt, and what would settle it, as paragraphs."""
+    parts = []
+    if result.reliability < _SURE and any(len(group) > 1 for group in result.groups):
+        parts.append(
+            f"Only {result.reliability:.0%} of the registered pairs hold: much looks alike here. "
+            "A place that rests on one pair alone is therefore not believed."
+        )
+    for scan in [group[0] for group in result.groups if len(group) == 1]:
+        count = len(result.places.get(scan, []))
+        told = f"Scan {scan} ({names[scan]}) "
+        if count == 0:
+            told += "shares nothing with the others that would hold it. A scan between helps."
+        elif count == 1:
+            told += "may stand where the result lists it, but too little confirms it."
+        else:
+            told += f"fits in {count} places about equally well. A scan from its door helps."
+        parts.append(told)
+    if sum(len(group) > 1 for group in result.groups) > 1:
+        parts.append(
+            "Nothing joins the groups for sure: they are of different places, or a scan between "
+            "them is missing."
+        )
+    return [html.paragraph(part) for part in parts] or [html.paragraph("Nothing.")]
+
+
+def _scans_table(result: Assembly, names: Sequence[str]) -> str:
+    rows = [
+        (
+            number,
+            name,
+            result.group_of[number],
+            result.status[number],
+            *(f"{coordinate_m:.3f}" for coordinate_m in result.T_group_scan[number][:3, 3]),
+            f"{1000 * result.position_std_m[number]:.1f}",
+            f"{np.rad2deg(result.rotation_std_rad[number]):.3f}",
+        )
+        for number, name in enumerate(names)
+    ]
+    heads = ["number", "file", "group", "status", "x (m)", "y (m)", "z (m)", "+- (mm)", "+- (deg)"]
+    return html.table(heads, rows)
+
+
+def _links_table(result: Assembly) -> str:
+    rows = [
+        (
+            f"{source} into {target}",
+            f"{link.overlap:.3f}",
+            f"{link.violation:.4f}",
+            f"{1000 * link.closure_m:.1f}",
+            f"{link.weight:.2f}",
+        )
+        for (target, source), link in sorted(result.links.items())
+    ]
+    return html.table(["pair", "overlap", "violation", "closure (mm)", "weight"], rows)
+
+
+def _pairs_table(result: Assembly) -> str:
+    rows = [
+        (
+            f"{source} into {target}",
+            pair.status,
+            f"{pair.confidence:.2f}",
+            result.words[target, source],
+            pair.reason,
+        )
+        for (target, source), pair in sorted(result.pairs.items())
+    ]
+    return html.table(["pair", "status", "confidence", "word", "reason"], rows)
+
+
+_SURE = 0.9
+_SCANS_HELP = html.paragraph(
+    "x, y, z: the scan's origin in the frame of its group's first scan. +-: standard deviation "
+    "against that scan, from what the links determine and how well they agree."
+)
+_LINKS_HELP = html.paragraph(
+    "Scans of one group that overlap, in their final poses. closure: how far these put the middle "
+    "of the overlap from where the pair alone does. weight: its say, 0 where it contradicts others."
+)
+_PAIRS_HELP = html.paragraph(
+    "What every pair said by itself, and what became of it: holds, refuted by other scans, open "
+    "(nothing else confirms it), none (it did not register)."
+)

@@ -106,6 +106,18 @@ class InliersConfig(StudyConfig):
 
 
 @dataclass
+class ProjectsConfig(SimulatedStudyConfig):
+    """Are scans misplaced on floors of alike rooms?"""
+
+    floors: int = 5
+    """Of each kind."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.floors >= 1, "floors", self.floors, "1 or more")
+
+
+@dataclass
 class PicturesConfig(StudyConfig):
     """Draw the pictures of the documentation."""
 
@@ -134,6 +146,7 @@ STUDIES: dict[str, type[StudyConfig]] = {
     "calibration": CalibrationConfig,
     "misses": MissesConfig,
     "inliers": InliersConfig,
+    "projects": ProjectsConfig,
     "pictures": PicturesConfig,
     "results": ResultsConfig,
 }

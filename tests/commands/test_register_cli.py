@@ -75,13 +75,14 @@ def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):
     run = register_py(tmp_path, "scans=[a.ply,b.ply,c.ply]", "output_dir=out")
     assert (run.returncode, run.stderr) == (0, "")
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"poses.json", "merged.ply", "scans.png", "report.html"}
+    assert written == {"poses.json", "merged.ply", "scans.png", "report.html", "pairs"}
 
     poses = json.loads((tmp_path / "out" / "poses.json").read_text())
     assert [scan["path"] for scan in poses["scans"]] == ["a.ply", "b.ply", "c.ply"]
+    assert poses["status"] == "registered" and poses["groups"] == [[0, 1, 2]]
     for written_scan, scan in zip(poses["scans"], scans, strict=True):
         T_true = invert(scans[0].T_world_sensor) @ scan.T_world_sensor
-        rotation_rad, translation_m = pose_error(np.array(written_scan["T_first_scan"]), T_true)
+        rotation_rad, translation_m = pose_error(np.array(written_scan["T_group_scan"]), T_true)
         assert np.rad2deg(rotation_rad) < 0.5 and translation_m < 0.03
     merged_m = read_points(tmp_path / "out" / "merged.ply")
     assert len(merged_m) == sum(len(scan.points_m) for scan in scans)

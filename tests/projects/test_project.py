@@ -1,25 +1,23 @@
-"""Many scans: simulated rooms, planted pose graphs with known answers, scans of elsewhere."""
+"""Many scans: simulated rooms and floors, scans of elsewhere or that come later, ended runs."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
-from skipnet.geometry import (
-    invert,
-    make_transform,
-    pose_error,
-    random_rotation,
-    rotation_from_vector,
-    transform_points,
-)
-from skipnet.projects.graph import Link, balance, closure_m, place, solve, spanning_tree
-from skipnet.projects.project import register_many
+import skipnet
+from skipnet.geometry import invert, make_transform, pose_error, random_rotation, transform_points
+from skipnet.projects import project as projects
+from skipnet.projects.assembly import Word
 from skipnet.results.project import poses_json, scans_page
+from skipnet.simulation.scanning.floors import simulate_floor
 from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
+
+FLOOR_SEED = 300_000
 
 
 @pytest.fixture(scope="module")
@@ -29,200 +27,159 @@ def scans():
 
 @pytest.fixture(scope="module")
 def result(scans):
-    return register_many([scan.points_m for scan in scans])
+    return skipnet.register_many([scan.points_m for scan in scans])
 
 
-def truth(scans, target, source):
-    return invert(scans[target].T_world_sensor) @ scans[source].T_world_sensor
+@pytest.fixture(scope="module")
+def floor():
+    return simulate_floor("floor", FLOOR_SEED, 6).scans
+
+
+def assert_right(scans, group, T_group_scan, most_deg, most_m):
+    first = group[0]
+    for scan in group:
+        T_true = invert(scans[first].T_world_sensor) @ scans[scan].T_world_sensor
+        rotation_rad, translation_m = pose_error(T_group_scan[scan], T_true)
+        assert np.rad2deg(rotation_rad) < most_deg and translation_m < most_m
 
 
 def test_every_scan_of_a_room_finds_its_place_and_every_pair_is_told(scans, result):
-    assert result.status == "registered" and "all 4 scans" in result.reason
-    assert set(result.pairs) == {(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)}
-    np.testing.assert_array_equal(result.T_first_scan[0], np.eye(4))
-    for number, T in enumerate(result.T_first_scan):
-        rotation_rad, translation_m = pose_error(T, truth(scans, 0, number))
-        assert np.rad2deg(rotation_rad) < 0.05 and translation_m < 0.003
-    assert not result.rejected
-    assert set(result.closures_m) == set(result.pairs)
-    assert max(result.closures_m.values()) < 0.005
-    assert list(result.timings_s) == ["skip-map", "pairs", "pose graph"]
+    assert result.groups == [[0, 1, 2, 3]] and result.status == ["registered"] * 4
+    assert result.outcome == "registered" and "all 4 scans" in result.reason
+    assert set(result.pairs) == set(combinations(range(4), 2)) == set(result.words)
+    np.testing.assert_array_equal(result.T_group_scan[0], np.eye(4))
+    assert_right(scans, result.groups[0], result.T_group_scan, 0.05, 0.003)
+    assert set(result.links) == set(result.pairs)
+    assert max(link.closure_m for link in result.links.values()) < 0.005
+    assert list(result.timings_s) == ["skip-map", "pairs", "groups", "pose graph"]
+    assert result.position_std_m[0] == 0 and 0 < max(result.position_std_m) < 0.01
 
 
-def test_a_pair_comes_out_as_from_register(scans, result):
-    import skipnet
-
-    size_m = float(str(result.pairs[0, 1].details["voxel_size_m"]))
-    alone = skipnet.register(scans[1].points_m, scans[0].points_m, voxel_size_m=size_m)
-    np.testing.assert_allclose(result.pairs[0, 1].T_target_source, alone.T_target_source, atol=1e-9)
-
-
-def test_the_balanced_poses_are_better_than_the_pairs_on_average(scans, result):
-    T_first_scan = result.T_first_scan
-    pairs_m, balanced_m = [], []
-    for (target, source), pair in result.pairs.items():
-        T_true = truth(scans, target, source)
-        pairs_m.append(pose_error(pair.T_target_source, T_true)[1])
-        T_balanced = invert(T_first_scan[target]) @ T_first_scan[source]
-        balanced_m.append(pose_error(T_balanced, T_true)[1])
-    assert np.sqrt(np.mean(np.square(balanced_m))) < np.sqrt(np.mean(np.square(pairs_m)))
+def test_a_floor_of_alike_rooms_comes_together_and_nothing_is_misplaced(floor):
+    result = skipnet.register_many([scan.points_m for scan in floor])
+    assert len(result.groups[0]) >= 5
+    for group in result.groups:
+        assert_right(floor, group, result.T_group_scan, 0.1, 0.02)
+    # Rooms alike register with each other by themselves; the others refute it.
+    assert Word.REFUTED in result.words.values() or Word.OPEN in result.words.values()
+    for scan, status in enumerate(result.status):
+        assert (status == "ambiguous") == ([scan] in result.groups)
 
 
-def test_a_scan_that_fits_nowhere_for_sure_has_no_pose_and_is_named(scans):
-    lone_wall_m = np.random.default_rng(0).uniform([2, -2, -1], [2, 2, 1], size=(20_000, 3))
-    clouds_m = [scans[0].points_m, lone_wall_m, scans[1].points_m]
-    result = register_many(clouds_m)
-    assert result.status == "failed" and "scan 1 with scan 0" in result.reason
-    assert result.T_first_scan[1] is None
-    rotation_rad, translation_m = pose_error(result.T_first_scan[2], truth(scans, 0, 1))
-    assert np.rad2deg(rotation_rad) < 0.5 and translation_m < 0.03
-    assert set(result.closures_m) == {(0, 2)} and len(result.pairs) == 3
-
-
-# --- the pose graph by itself ---------------------------------------------------------------------
-
-
-def random_poses(count, seed=0):
-    rng = np.random.default_rng(seed)
-    poses = {0: np.eye(4)}
-    for scan in range(1, count):
-        poses[scan] = make_transform(random_rotation(rng), rng.normal(scale=5.0, size=3))
-    return poses
-
-
-def links_of(poses, keys, noise=0.0, seed=1, information=None):
-    rng = np.random.default_rng(seed)
-    links = {}
-    for target, source in keys:
-        change = make_transform(
-            rotation_from_vector(rng.normal(scale=noise, size=3)), rng.normal(scale=noise, size=3)
-        )
-        T = change @ invert(poses[target]) @ poses[source]
-        centre_m = rng.normal(size=3)
-        links[target, source] = Link(T, centre_m, np.eye(6) if information is None else information)
-    return links
-
-
-LOOP = [(0, 1), (1, 2), (2, 3), (0, 3), (0, 2)]
-
-
-def test_the_tree_agrees_with_scipys_and_stops_at_what_it_cannot_reach():
-    from scipy.sparse.csgraph import minimum_spanning_tree
-
+def test_the_order_of_the_scans_and_their_frames_do_not_matter(scans, result):
+    order = [2, 0, 3, 1]
     rng = np.random.default_rng(0)
-    keys = [(i, j) for i in range(9) for j in range(i + 1, 9) if rng.random() < 0.6]
-    trust = {key: (float(rng.random()), 0.0) for key in keys}
-    cost = np.zeros((9, 9))
-    for key in keys:
-        cost[key] = 2 - trust[key][0]
-    expected = list(zip(*minimum_spanning_tree(cost).nonzero(), strict=True))
-    assert sorted(spanning_tree(trust)) == sorted((int(i), int(j)) for i, j in expected)
-    assert spanning_tree({(1, 2): (1.0,)}) == []
+    frames = [make_transform(random_rotation(rng), rng.normal(size=3) * 9) for _ in order]
+    moved = [transform_points(T, scans[k].points_m) for k, T in zip(order, frames, strict=True)]
+    again = skipnet.register_many(moved, viewpoints=[T[:3, 3] for T in frames])
+    assert again.groups == result.groups
+    for row, (k, T) in enumerate(zip(order, frames, strict=True)):
+        expected = frames[0] @ invert(result.T_group_scan[order[0]]) @ result.T_group_scan[k]
+        rotation_rad, translation_m = pose_error(again.T_group_scan[row], expected @ invert(T))
+        assert np.rad2deg(rotation_rad) < 0.05 and translation_m < 0.005
 
 
-def test_places_follow_the_tree_in_either_direction():
-    poses = random_poses(4)
-    keys = [(0, 2), (1, 2), (1, 3)]
-    placed = place(keys, links_of(poses, keys))
-    for scan, T in poses.items():
-        np.testing.assert_allclose(placed[scan], T, atol=1e-12)
+def test_a_scan_of_elsewhere_stays_apart_and_is_named(scans):
+    lone_wall_m = np.random.default_rng(0).uniform([2, -2, -1], [2, 2, 1], size=(20_000, 3))
+    result = skipnet.register_many([scans[0].points_m, lone_wall_m, scans[1].points_m])
+    assert result.groups == [[0, 2], [1]]
+    assert result.status == ["registered", "ambiguous", "registered"]
+    assert result.outcome == "ambiguous" and "in doubt: scan 1" in result.reason
+    assert_right(scans[:1] * 2 + scans[1:2], [0, 2], result.T_group_scan, 0.5, 0.03)
 
 
-def test_exact_links_give_the_exact_poses_from_a_disturbed_start():
-    poses = random_poses(4)
-    links = links_of(poses, LOOP)
-    rng = np.random.default_rng(2)
-    start = {
-        scan: make_transform(rotation_from_vector(rng.normal(scale=0.05, size=3)), np.zeros(3)) @ T
-        if scan
-        else T
-        for scan, T in poses.items()
-    }
-    balanced = balance(start, links)
-    for scan, T in poses.items():
-        np.testing.assert_allclose(balanced[scan], T, atol=1e-5)
-    for key, link in links.items():
-        assert closure_m(link, key, balanced) < 1e-5
+def test_two_rooms_stay_two_groups():
+    elsewhere = simulate_scans("oblique", 7, 3, rotation="any", points=25_000)[0]
+    here = simulate_scans("paper_room", 1, 3, rotation="any", points=25_000)[0]
+    mixed = [here[0], elsewhere[0], elsewhere[1], here[1], here[2], elsewhere[2]]
+    result = skipnet.register_many([scan.points_m for scan in mixed])
+    assert result.groups == [[0, 3, 4], [1, 2, 5]]
+    for group in result.groups:
+        assert_right(mixed, group, result.T_group_scan, 0.1, 0.01)
 
 
-def test_a_contradiction_is_shared_by_what_each_link_determines():
-    # Two scans 1 m apart say three links of a loop 0 -> 1 -> 2 -> 0 along x: 1 m, 1 m and 2.3 m.
-    def shift(x_m):
-        return make_transform(np.eye(3), np.array([x_m, 0, 0]))
-
-    def chain(information):
-        shifts_m = {(0, 1): 1.0, (1, 2): 1.0, (0, 2): 2.3}
-        links = {
-            key: Link(shift(x_m), np.zeros(3), information.get(key, np.eye(6)))
-            for key, x_m in shifts_m.items()
-        }
-        poses = balance(place([(0, 1), (1, 2)], links), links)
-        return [poses[scan][0, 3] for scan in (1, 2)]
-
-    np.testing.assert_allclose(chain({}), [1.1, 2.2], atol=1e-6)
-    # By hand: the gap of 0.3 m is shared in inverse proportion to the weights, 1 : 1 : 1/4.
-    firm = {(0, 2): 4 * np.eye(6)}
-    np.testing.assert_allclose(chain(firm), [1 + 0.3 * 4 / 9, 2.3 - 0.3 / 9], atol=1e-6)
-    # A link that says nothing about x leaves the others alone.
-    blind = {(0, 2): np.diag([1.0, 1, 1, 0, 1, 1])}
-    np.testing.assert_allclose(chain(blind), [1.0, 2.0], atol=1e-6)
+def test_scans_that_come_later_give_what_they_give_at_once(scans, tmp_path, monkeypatch):
+    size_m = 0.2
+    at_once = skipnet.register_many([s.points_m for s in scans], voxel_size_m=size_m)
+    project = skipnet.Project(tmp_path, voxel_size_m=size_m)
+    for scan in scans[:3]:
+        project.add(scan.points_m)
+    assert project.solve().groups == [[0, 1, 2]]
+    asked = counted(monkeypatch)
+    assert project.add(scans[3].points_m) == 3
+    later = project.solve()
+    assert len(asked) == 3  # the pairs of the new scan
+    for T, expected in zip(later.T_group_scan, at_once.T_group_scan, strict=True):
+        np.testing.assert_array_equal(T, expected)
 
 
-def test_a_pair_that_had_no_say_is_told_in_the_results(result):
-    told = replace(result, rejected=[(0, 2)])
-    pairs = {
-        (pair["target"], pair["source"]): pair
-        for pair in json.loads(poses_json(told, list("abcd"), 0))["pairs"]
-    }
-    assert [key for key, pair in pairs.items() if pair["rejected"]] == [(0, 2)]
-    closures_m = {key: pair["closure_m"] for key, pair in pairs.items()}
-    assert closures_m == {key: pytest.approx(m) for key, m in result.closures_m.items()}
-    page = scans_page(told, list("abcd"), b"", 0)
-    assert page.count("registered, rejected") == 1 and "pose graph" in page
+def test_a_run_that_was_ended_goes_on_and_gives_the_same(scans, tmp_path, monkeypatch):
+    clouds_m = [scan.points_m for scan in scans]
+    whole = skipnet.register_many(clouds_m)
+
+    def ended(stage, done, of):
+        if done == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        skipnet.register_many(clouds_m, folder=tmp_path, progress=ended)
+    kept = sorted((tmp_path / "pairs").iterdir())
+    assert len(kept) == 4
+    kept[0].write_text(kept[0].read_text()[:100])  # half a file is no file
+    asked = counted(monkeypatch)
+    again = skipnet.register_many(clouds_m, folder=tmp_path)
+    assert len(asked) == 3
+    for T, expected in zip(again.T_group_scan, whole.T_group_scan, strict=True):
+        np.testing.assert_array_equal(T, expected)
+    assert again.words == whole.words
 
 
-def test_a_wrong_link_that_contradicts_more_trusted_ones_has_no_say():
-    poses = random_poses(5)
-    links = links_of(poses, [*LOOP, (3, 4)], noise=0.001)
-    wrong = make_transform(np.eye(3), np.array([0.5, 0, 0])) @ links[0, 2].T_target_source
-    links[0, 2] = Link(wrong, links[0, 2].centre_m, 1e6 * np.eye(6))
-    links[6, 7] = links[0, 2]  # two scans that nothing connects with the others
-    trust = {key: (0.9 if key == (0, 2) else 1.0,) for key in links}
-    found, agreeing = solve(links, trust, limit_m=0.1)
-    assert agreeing == {(0, 1), (1, 2), (2, 3), (0, 3), (3, 4)} and set(found) == set(range(5))
-    for scan, T in poses.items():
-        assert pose_error(found[scan], T)[1] < 0.05
+def counted(monkeypatch):
+    """The searches that are made from here on."""
+    asked = []
+    search = projects.search
+
+    def counting(source, target, config):
+        asked.append((source, target))
+        return search(source, target, config)
+
+    monkeypatch.setattr(projects, "search", counting)
+    return asked
 
 
-def test_noise_averages_out_over_loops():
-    poses = random_poses(6)
-    keys = [(i, j) for i in range(6) for j in range(i + 1, 6)]
-    links = links_of(poses, keys, noise=0.01)
-    tree = [(0, j) for j in range(1, 6)]
-    chained, balanced = place(tree, links), balance(place(tree, links), links)
+def test_results_tell_groups_places_and_every_pair(result):
+    doubtful = replace(
+        result,
+        groups=[[0, 1, 2], [3]],
+        status=[*result.status[:3], skipnet.types.Status.AMBIGUOUS],
+        places={3: [projects_place(0), projects_place(0)]},
+        words=result.words | {(0, 3): Word.REFUTED},
+    )
+    told = json.loads(poses_json(doubtful, list("abcd"), 0))
+    assert told["groups"] == [[0, 1, 2], [3]] and told["status"] == "ambiguous"
+    assert told["scans"][3]["status"] == "ambiguous" and len(told["scans"][3]["places"]) == 2
+    words = {(pair["target"], pair["source"]): pair["word"] for pair in told["pairs"]}
+    assert words == {key: str(word) for key, word in doubtful.words.items()}
+    page = scans_page(doubtful, list("abcd"), b"", b"", 0)
+    assert "Scan 3 (d) fits in 2 places" in page and "refuted" in page
+    assert "Nothing." in scans_page(result, list("abcd"), b"", b"", 0)
 
-    def error_m(found):
-        return np.sqrt(np.mean([pose_error(found[s], poses[s])[1] ** 2 for s in range(1, 6)]))
 
-    assert error_m(balanced) < error_m(chained)
+def projects_place(group):
+    from skipnet.projects.assembly import Place
 
-
-def test_a_deviation_is_measured_at_the_centre_of_the_overlap():
-    centre_m = np.array([10.0, 0, 0])
-    T = random_poses(2)[1]
-    turn = make_transform(rotation_from_vector(np.array([0, 0, 0.01])), np.zeros(3))
-    shift_m = transform_points(turn, centre_m[None])[0] - centre_m
-    deviation = Link(T, centre_m, np.eye(6)).deviation(turn @ T)
-    np.testing.assert_allclose(deviation, [0, 0, 0.01, *shift_m], atol=1e-12)
+    return Place(group, np.eye(4))
 
 
 def test_bad_input_names_the_scan():
     cloud_m = simulate_pair("paper_room", 1, points=500).pair.source_m
     with pytest.raises(ValueError, match="got 1 scans: expected two or more"):
-        register_many([cloud_m])
+        skipnet.register_many([cloud_m])
     with pytest.raises(ValueError, match=r"scans\[1\]: got 2 points"):
-        register_many([cloud_m, cloud_m[:2]])
+        skipnet.register_many([cloud_m, cloud_m[:2]])
     with pytest.raises(ValueError, match="got 1 viewpoints for 2 scans"):
-        register_many([cloud_m, cloud_m], viewpoints=[None])
+        skipnet.register_many([cloud_m, cloud_m], viewpoints=[None])
     with pytest.raises(ValueError, match=r"viewpoints\[1\]=.* expected"):
-        register_many([cloud_m, cloud_m], viewpoints=[None, [0.0, 1.0]])
+        skipnet.register_many([cloud_m, cloud_m], viewpoints=[None, [0.0, 1.0]])
+    with pytest.raises(ValueError, match="voxel"):
+        skipnet.Project(voxel_size_m=-1.0)

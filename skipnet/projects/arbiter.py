@@ -1,0 +1,158 @@
+"""Who belongs together: groups grow, are repaired, and are looked over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+from skipnet.geometry import invert
+from skipnet.projects.doubts import Doubts, places
+from skipnet.projects.groups import Group, Joiner, Standards, merit, rivals
+from skipnet.types import FloatArray
+
+LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one=True)
+"""Where what pairs say by themselves holds throughout: outdoors right poses of real scans
+contradict each other by .011."""
+STRICT = Standards(limit=0.0018, rival_support=0.4)
+"""Where it does not, because much looks alike: right poses of simulated scans that nothing disturbs
+stay under .0013, wrong ones in alike rooms reach .002 and more (floors of development seeds)."""
+RELIABLE = 0.9
+"""Share of the registered pairs that must hold for pairs to be believed by themselves: it is 1.00
+in a facade, a kitchen and a turntable, and .08 to .75 in simulated floors of alike rooms."""
+CLEARLY_BETTER = 1.1
+"""A place that is worth this many times more than the present one is better."""
+MAX_ROUNDS = 5
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Groups of scans, the largest first, and what is in doubt."""
+
+    groups: list[Group]
+    """Those of one scan included."""
+    places: Mapping[int, list[FloatArray]]
+    """Of every scan in doubt, where it may stand, the likeliest first: (4, 4) poses of its own
+    frame in that of the group ``host`` ..."""
+    host: Mapping[int, int]
+    """... whose lowest scan number this is."""
+    reliability: float
+    """Share of the registered pairs that hold, of those that could be told."""
+
+
+class Arbiter:
+    """Decides which scans belong together."""
+
+    def __init__(self, joiner: Joiner) -> None:
+        self._joiner = joiner
+
+    def decide(self, scans: Iterable[int]) -> Decision:
+        """Groups from what pairs proposed, and what is in doubt."""
+        scans = list(scans)
+        standards = LENIENT
+        groups = self._repaired(self._grown(scans, standards), standards)
+        reliability = self.reliability(groups)
+        if reliability < RELIABLE:
+            standards = STRICT
+            groups = self._repaired(self._grown(scans, standards), standards)
+            reliability = min(self.reliability(groups), reliability)
+        doubts = Doubts(self._joiner, standards, reliability >= RELIABLE)
+        sure = doubts.sure_parts(groups)
+        for _ in range(MAX_ROUNDS):
+            groups = self._joiner.grow(self._counted(sure), standards)
+            if [group.scans for group in groups] == [group.scans for group in sure]:
+                break
+            sure = doubts.sure_parts(groups)
+        return self._with_places(sure, doubts.standards, reliability)
+
+    def reliability(self, groups: list[Group]) -> float:
+        """Share of the registered pairs that hold, of those that can be told; 1 for none."""
+        of_scan = {scan: group for group in groups for scan in group.poses}
+        held, refuted = 0, 0
+        for key, pair in self._joiner.proposals.items():
+            if pair.confidence == 0:
+                continue
+            first, second = of_scan[key[0]], of_scan[key[1]]
+            if first is second:
+                holds = bool(self._joiner.proposed(first, key)[0])
+                held, refuted = held + holds, refuted + (not holds)
+            else:
+                ways = self._joiner.ways(*sorted((first, second), key=lambda g: g.scans))
+                own = [way for way in ways if key in way.voters and way.trust > 0]
+                refuted += all(way.contradiction > LENIENT.limit for way in own)
+        return held / (held + refuted) if held + refuted else 1.0
+
+    def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
+        return self._joiner.grow((Group.single(scan) for scan in scans), standards)
+
+    def _counted(self, groups: list[Group]) -> list[Group]:
+        """The groups with their support, which cutting forgets."""
+        witness = self._joiner.witness
+        return [
+            Group(
+                group.poses,
+                sum(
+                    float(witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0, 0])
+                    for a, b in combinations(group.scans, 2)
+                ),
+            )
+            for group in groups
+        ]
+
+    def _repaired(self, groups: list[Group], standards: Standards) -> list[Group]:
+        """Take out scans that may stand wrong, let the others grow, put them back last."""
+        suspects: set[int] = set()
+        for _ in range(MAX_ROUNDS):
+            fresh = {s for group in groups for s in self._suspects(group, standards)} - suspects
+            if not fresh:
+                break
+            suspects |= fresh
+            for late in [fresh, suspects, *({scan} for scan in sorted(fresh))]:
+                trial = self._regrown(groups, late, standards)
+                if merit(trial) > merit(groups) + 1e-6:
+                    groups = trial
+        return groups
+
+    def _regrown(self, groups: list[Group], late: set[int], standards: Standards) -> list[Group]:
+        """The groups anew, some scans put in last; groups that have none of them stay."""
+        early = [group for group in groups if not late & set(group.poses)]
+        torn = {scan for group in groups if late & set(group.poses) for scan in group.poses}
+        early += [Group.single(scan) for scan in torn - late]
+        grown = self._joiner.grow(early, standards)
+        return self._joiner.grow([*grown, *(Group.single(scan) for scan in late)], standards)
+
+    def _suspects(self, group: Group, standards: Standards) -> list[int]:
+        """Scans that fewer than two pairs put where they are, or that fit better elsewhere."""
+        if len(group.poses) < 2:
+            return []
+        return [
+            scan
+            for scan in group.scans
+            if len(self._joiner.voters(group, scan)) < 2 or self._has_better(group, scan, standards)
+        ]
+
+    def _has_better(self, group: Group, scan: int, standards: Standards) -> bool:
+        here, others = places(group, scan, self._joiner)
+        return any(way.worth(standards) > CLEARLY_BETTER * here.worth(standards) for way in others)
+
+    def _with_places(
+        self, groups: list[Group], standards: Standards, reliability: float
+    ) -> Decision:
+        """What is known of the scans that stand alone."""
+        fits: dict[int, list[FloatArray]] = {}
+        host: dict[int, int] = {}
+        for lone in [group for group in groups if len(group.poses) == 1]:
+            scan = lone.scans[0]
+            others = [g for g in groups if len(g.poses) > 1 or g.scans[0] < scan]
+            fitting = [
+                (group, rivals(self._joiner.ways(group, lone), standards)) for group in others
+            ]
+            best = max(
+                ((ways[0].worth(standards), group, ways) for group, ways in fitting if ways),
+                key=lambda option: option[0],
+                default=None,
+            )
+            if best is not None:
+                fits[scan] = [way.T for way in best[2]]
+                host[scan] = best[1].scans[0]
+        return Decision(groups, fits, host, reliability)

@@ -1,0 +1,281 @@
+"""Which links to believe: groups of scans grow as long as no pair of their scans objects.
+
+Two groups are joined only where every pair of scans that the join implies finds next to no
+contradiction, and where no other way to join them explains the scans about as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from skipnet.geometry import invert
+from skipnet.projects.witness import Testimony, Witness, leaders
+from skipnet.types import BoolArray, FloatArray
+
+PairKey = tuple[int, int]
+"""Numbers of (target, source), the smaller one first."""
+SAME_VOXELS = 3.0
+"""Two links put a group in about the same place when its centre is less than this apart."""
+MAX_WAYS = 12
+"""Ways to join two groups that are looked at: those of which most agrees in the pairs that propose
+them."""
+MIN_SUPPORT = 0.03
+"""A join in which less than this agrees rests on nothing."""
+MIN_UNTRUSTED_SUPPORT = 0.15
+"""... and one that a single pair proposes which did not register needs this much ..."""
+MIN_WITNESSES = 2
+"""... and this many pairs of which some agrees."""
+RIVAL_CONTRADICTION = 0.5
+"""A way that contradicts by this share of the limit more than the best one is no rival."""
+MANY_VOTES = 3
+"""More pairs than this that propose a way say nothing more."""
+_OWN_VIOLATION = 0.01
+"""Of a proposal in its own pair, which leaves 37 % of its weight."""
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """What searching one pair of scans proposed, the answer first."""
+
+    T_target_source: FloatArray
+    """(H, 4, 4) between the scans' own frames."""
+    overlap: FloatArray
+    """(H,) share of the surfaces that agree."""
+    violation: FloatArray
+    """(H,) share that contradicts seen free space."""
+    confidence: float
+    """Of the first, if it is registered; else 0."""
+
+
+@dataclass(frozen=True)
+class Standards:
+    """How much a set of scans must agree."""
+
+    limit: float
+    """Largest contradiction of a join, as a share of what can be compared."""
+    rival_support: float
+    """Another way to join two groups with this share of the best one's support is a rival."""
+    severity: float = 3.0
+    """How fast contradiction devalues support: at the limit to exp(-severity)."""
+    believes_one: bool = False
+    """Whether one pair is enough to join groups of several scans, if it registered by itself. Else
+    several must agree, but a scan may join by a pair that did not register."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Scans whose relative poses are decided."""
+
+    poses: Mapping[int, FloatArray]
+    """(4, 4) of each scan's own frame, in the group's."""
+    support: float = 0.0
+    """Sum over all pairs of scans of the share of surfaces that agree."""
+
+    @property
+    def scans(self) -> list[int]:
+        """In ascending order."""
+        return sorted(self.poses)
+
+    def without(self, scan: int) -> Group:
+        """The others where they are; the support is not known anew."""
+        return Group({other: T for other, T in self.poses.items() if other != scan})
+
+    @staticmethod
+    def single(scan: int) -> Group:
+        """A scan alone, in its own frame."""
+        return Group({scan: np.eye(4)})
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to join two groups, and what it rests on."""
+
+    T: FloatArray
+    """(4, 4) from the second group's frame to the first's."""
+    voters: frozenset[PairKey]
+    """Pairs of scans that proposed it, each on its own."""
+    trust: float
+    """Largest confidence of a voter for whom it is the answer."""
+    support: float
+    contradiction: float
+    witnesses: int
+    """See ``Testimony``, which has these three."""
+
+    def worth(self, standards: Standards) -> float:
+        """Support, devalued by contradiction."""
+        share = self.contradiction / standards.limit
+        return self.support * float(np.exp(-standards.severity * share))
+
+    def rank(self, standards: Standards) -> tuple[int, float]:
+        """Orders joins: more independent proposals first, then what is worth most."""
+        return min(len(self.voters), MANY_VOTES), self.worth(standards)
+
+
+class Joiner:
+    """Joins groups by the proposals of pairs of scans."""
+
+    def __init__(self, proposals: Mapping[PairKey, Proposals], witness: Witness) -> None:
+        self.proposals = proposals
+        self.witness = witness
+        self._known: dict[tuple[bytes, bytes], list[Way]] = {}
+
+    def grow(self, groups: Iterable[Group], standards: Standards) -> list[Group]:
+        """Join groups, the best founded join first, until no join is left that nobody objects to.
+
+        The order of the groups does not matter: of equal joins the one of the lowest numbers wins.
+        """
+        left = {group.scans[0]: group for group in groups}
+        open_joins = {key: self.decided(*_both(left, key), standards) for key in _pairs(left)}
+        while True:
+            ranked = [
+                (way.rank(standards), -key[0], -key[1])
+                for key, way in open_joins.items()
+                if way is not None
+            ]
+            if not ranked:
+                return sorted(left.values(), key=lambda group: (-len(group.poses), group.scans))
+            _, first, second = max(ranked)
+            key = (-first, -second)
+            way = open_joins[key]
+            assert way is not None
+            joined = join(*_both(left, key), way)
+            del left[key[1]]
+            left[key[0]] = joined
+            open_joins = {k: way for k, way in open_joins.items() if not {*k} & {*key}} | {
+                k: self.decided(*_both(left, k), standards) for k in _pairs(left) if key[0] in k
+            }
+
+    def decided(self, first: Group, second: Group, standards: Standards) -> Way | None:
+        """The one way to join two groups, if there is one."""
+        fitting = rivals(self.ways(first, second), standards)
+        if len(fitting) != 1:
+            return None
+        way = fitting[0]
+        founded = len(way.voters) > 1 or way.trust > 0
+        sizes = sorted((len(first.poses), len(second.poses)))
+        if sizes[0] == 1 and not standards.believes_one:
+            founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT
+        elif sizes[0] > 1 and not standards.believes_one:
+            founded = len(way.voters) > 1
+        return way if founded else None
+
+    def ways(self, first: Group, second: Group) -> list[Way]:
+        """Distinct ways to join two groups, with what all pairs of scans say of each."""
+        key = _signature(first), _signature(second)
+        if key not in self._known:
+            self._known[key] = self._find_ways(first, second)
+        return self._known[key]
+
+    def voters(self, group: Group, scan: int) -> frozenset[PairKey]:
+        """The pairs that propose the place that a scan has in its group."""
+        keys = [(min(scan, other), max(scan, other)) for other in group.scans if other != scan]
+        return frozenset(key for key in keys if self.proposed(group, key).any())
+
+    def proposed(self, group: Group, key: PairKey) -> BoolArray:
+        """(H,) which proposals of a pair of the group put it where it is."""
+        if key not in self.proposals:
+            return np.zeros(0, dtype=bool)
+        T = invert(group.poses[key[0]]) @ group.poses[key[1]]
+        stack = np.concatenate([T[None], self.proposals[key].T_target_source])
+        size_m = SAME_VOXELS * self.witness.voxel_size_m
+        same: BoolArray = leaders(stack, self.witness.centres_m[key[1]], size_m)[1:] == 0
+        return same
+
+    def _find_ways(self, first: Group, second: Group) -> list[Way]:
+        found = [
+            self._across(key, first.poses[a], second.poses[b], is_turned=a > b)
+            for a in first.scans
+            for b in second.scans
+            if (key := (min(a, b), max(a, b))) in self.proposals
+        ]
+        if not found:
+            return []
+        T = np.concatenate([T for T, *_ in found])
+        trust = np.concatenate([trust for _, trust, *_ in found])
+        weight = np.concatenate([weight for *_, weight, _ in found])
+        voter = np.array([key for T, *_, key in found for _ in T])
+        order = np.argsort(-weight, kind="stable")
+        T, trust, weight, voter = T[order], trust[order], weight[order], voter[order]
+        leader = leaders(T, self._centre_m(second), SAME_VOXELS * self.witness.voxel_size_m)
+        rows = np.unique(leader)
+        total = np.array([weight[leader == row].sum() for row in rows])
+        rows = rows[np.argsort(-total, kind="stable")[:MAX_WAYS]]
+        said = self.witness.all_pairs(first.poses, second.poses, T[rows])
+        return [
+            _way(T[row], voter[leader == row].tolist(), float(trust[leader == row].max()), said, n)
+            for n, row in enumerate(rows)
+        ]
+
+    def _across(
+        self, key: PairKey, T_first_a: FloatArray, T_second_b: FloatArray, is_turned: bool
+    ) -> tuple[FloatArray, FloatArray, FloatArray, PairKey]:
+        """Poses of the second group in the first's frame that one pair proposes, with trusts,
+        weights, and the pair."""
+        pair = self.proposals[key]
+        T_a_b = invert(pair.T_target_source) if is_turned else pair.T_target_source
+        trust = np.zeros(len(T_a_b))
+        trust[:1] = pair.confidence
+        weight = pair.overlap * np.exp(-pair.violation / _OWN_VIOLATION)
+        return T_first_a @ T_a_b @ invert(T_second_b), trust, weight, key
+
+    def _centre_m(self, group: Group) -> FloatArray:
+        centres_m = [
+            group.poses[scan][:3, :3] @ self.witness.centres_m[scan] + group.poses[scan][:3, 3]
+            for scan in group.scans
+        ]
+        centre_m: FloatArray = np.mean(centres_m, axis=0)
+        return centre_m
+
+
+def join(first: Group, second: Group, way: Way) -> Group:
+    """Both groups as one, in the first one's frame."""
+    moved = {scan: way.T @ T for scan, T in second.poses.items()}
+    return Group({**first.poses, **moved}, first.support + second.support + way.support)
+
+
+def rivals(ways: Sequence[Way], standards: Standards) -> list[Way]:
+    """The ways that explain the scans about as well as the best one, which comes first."""
+    limit = standards.limit
+    fitting = [w for w in ways if w.support >= MIN_SUPPORT and w.contradiction <= limit]
+    if not fitting:
+        return []
+    best = max(fitting, key=lambda way: way.worth(standards))
+    return [best] + [
+        way
+        for way in fitting
+        if way is not best
+        and way.support >= standards.rival_support * best.support
+        and way.contradiction <= best.contradiction + RIVAL_CONTRADICTION * limit
+    ]
+
+
+def merit(groups: Iterable[Group]) -> float:
+    """How much of the scans agrees in all groups."""
+    return sum(group.support for group in groups)
+
+
+def _way(T: FloatArray, voters: list[list[int]], trust: float, said: Testimony, row: int) -> Way:
+    return Way(
+        T=T,
+        voters=frozenset((target, source) for target, source in voters),
+        trust=trust,
+        support=float(said.support[row]),
+        contradiction=float(said.contradiction[row]),
+        witnesses=int(said.witnesses[row]),
+    )
+
+
+def _pairs(left: Mapping[int, Group]) -> list[tuple[int, int]]:
+    return list(combinations(sorted(left), 2))
+
+
+def _both(left: Mapping[int, Group], key: tuple[int, int]) -> tuple[Group, Group]:
+    return left[key[0]], left[key[1]]
+
+
+def _signature(group: Group) -> bytes:
+    return b"".join(scan.to_bytes(4, "big") + group.poses[scan].tobytes() for scan in group.scans)

@@ -1,0 +1,50 @@
+"""Which pairs are worth a costly search: a few between groups that nothing joins yet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from skipnet.projects.arbiter import STRICT, Decision
+from skipnet.projects.groups import Group, Joiner, PairKey, rivals
+
+PAIRS_PER_JOIN = 2
+"""Pairs that are searched between two groups."""
+SEARCHES_PER_SCAN = 4
+"""So many costly searches are made in all, for each scan."""
+
+
+def worth_searching(decision: Decision, joiner: Joiner) -> list[PairKey]:
+    """Pairs between groups that no way fits, those first whose proposals were the best.
+
+    Args:
+        decision: groups so far.
+        joiner: knows what pairs proposed.
+    """
+    chosen: list[tuple[float, PairKey]] = []
+    for first, second in combinations(decision.groups, 2):
+        if rivals(joiner.ways(*in_order(first, second)), STRICT):
+            continue
+        ranked = sorted((-_promise(joiner, key), key) for key in _across(first, second))
+        chosen += ranked[:PAIRS_PER_JOIN]
+    count = SEARCHES_PER_SCAN * sum(len(group.poses) for group in decision.groups)
+    return sorted(key for _, key in sorted(chosen)[:count])
+
+
+def in_order(first: Group, second: Group) -> Sequence[Group]:
+    """Two groups as the joiner takes them: by their lowest scan numbers."""
+    return sorted((first, second), key=lambda group: group.scans)
+
+
+def _across(first: Group, second: Group) -> list[PairKey]:
+    return [(min(a, b), max(a, b)) for a in first.scans for b in second.scans]
+
+
+def _promise(joiner: Joiner, key: PairKey) -> float:
+    """How much agrees in the best proposal of a pair, devalued by what contradicts."""
+    if key not in joiner.proposals:
+        return 0.0
+    found = joiner.proposals[key]
+    return float(np.max(found.overlap * np.exp(-100 * found.violation), initial=0.0))

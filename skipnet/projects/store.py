@@ -1,0 +1,108 @@
+"""Pairs that were searched, on disk: one JSON file each, whole or not at all, found by content."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skipnet.projects.schedule import Outcome
+from skipnet.provenance import __version__
+from skipnet.registration.findings import Findings
+from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.result import Registration, ScanFacts
+from skipnet.skipmap.tree import Points, points_of
+from skipnet.storage import write_text
+from skipnet.types import FloatArray, Status
+
+_KINDS = {kind.__name__: kind for kind in (Outcome, Registration, ScanFacts, Findings)}
+
+
+class PairStore:
+    """Outcomes of pairs in a folder; without one nothing is kept."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def load(self, key: str) -> Outcome | None:
+        """What was kept under a key; None where nothing was, or what is there cannot be read."""
+        if self._folder is None:
+            return None
+        try:
+            outcome = decoded(json.loads(self._file(key).read_text(encoding="utf-8")))
+        except (FileNotFoundError, ValueError, KeyError, TypeError):
+            return None
+        return outcome if isinstance(outcome, Outcome) else None
+
+    def save(self, key: str, outcome: Outcome) -> None:
+        """Keep an outcome."""
+        if self._folder is not None:
+            write_text(self._file(key), json.dumps(encoded(outcome)))
+
+    def _file(self, key: str) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{key}.json"
+
+
+def digest(points: Points, viewpoint: str | FloatArray | Sequence[float] | None) -> str:
+    """Of what a scan is: its points and its given viewpoint."""
+    found = hashlib.sha256(np.ascontiguousarray(points_of(points)).tobytes())
+    found.update(str(viewpoint if isinstance(viewpoint, str) else _listed(viewpoint)).encode())
+    return found.hexdigest()
+
+
+def pair_key(
+    digests: tuple[str, str], voxel_size_m: float, seed: int, config: RegistrationConfig
+) -> str:
+    """Of a search: both scans, every option and the version of this package."""
+    options = json.dumps(dataclasses.asdict(config), default=str, sort_keys=True)
+    text = json.dumps([*digests, voxel_size_m, seed, options, __version__])
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def encoded(value: Any) -> Any:
+    """Outcomes as JSON knows values; floats keep every bit."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = [field.name for field in dataclasses.fields(value)]
+        fields = {name: encoded(getattr(value, name)) for name in names}
+        return {"kind": type(value).__name__, "fields": fields}
+    if isinstance(value, np.ndarray):
+        return {"shape": list(value.shape), "values": value.ravel().tolist()}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Status):
+        return {"status": str(value)}
+    if isinstance(value, list | tuple):
+        return {"list": [encoded(item) for item in value]}
+    if isinstance(value, dict):
+        return {"dict": {str(name): encoded(item) for name, item in value.items()}}
+    return value
+
+
+def decoded(value: Any) -> Any:
+    """What ``encoded`` was given.
+
+    >>> decoded(encoded([0.1, Status.FAILED, np.zeros((0, 3))]))[2].shape
+    (0, 3)
+    """
+    if not isinstance(value, dict):
+        return value
+    if "kind" in value:
+        fields = {name: decoded(item) for name, item in value["fields"].items()}
+        return _KINDS[value["kind"]](**fields)
+    if "shape" in value:
+        return np.array(value["values"], dtype=np.float64).reshape(value["shape"])
+    if "status" in value:
+        return Status(value["status"])
+    if "list" in value:
+        return [decoded(item) for item in value["list"]]
+    return {name: decoded(item) for name, item in value["dict"].items()}
+
+
+def _listed(viewpoint: FloatArray | Sequence[float] | None) -> list[float] | None:
+    return None if viewpoint is None else np.asarray(viewpoint, dtype=np.float64).tolist()

@@ -1,0 +1,134 @@
+"""What the scans themselves say of poses that links imply: surfaces that agree, free space that is
+contradicted. One question takes about a millisecond."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.geometry import invert
+from skipnet.registration.judging.judge import Judge
+from skipnet.scans.evidence import Evidence
+from skipnet.types import FloatArray, IntArray
+
+SAMPLES = 2000
+"""Voxels of each scan that are looked at."""
+STRAY_SHARE = 0.0005
+"""Of all voxels of a pair so many contradict by chance: two of 4000."""
+LITTLE_OVERLAP = 0.1
+"""Added to what agrees: of scans that share next to nothing a stray voxel says little."""
+MIN_OVERLAP = 0.03
+"""A pair of scans of which less agrees says nothing for a place."""
+_DIGITS = 6
+"""Of a pose, by which one is known that has been asked about."""
+_WEIGHT = 10.0
+"""Of violations in the judge's total, which nobody asks for here."""
+
+
+@dataclass(frozen=True)
+class Testimony:
+    """What pairs of scans say of C poses of some scans against others; every array is (C,)."""
+
+    support: FloatArray
+    """Sum over the pairs of the share of both scans' surfaces that agree."""
+    excess: FloatArray
+    """Sum over the pairs of the share that contradicts seen free space, beyond stray voxels."""
+    worst: FloatArray
+    """Largest excess of a single pair."""
+    witnesses: IntArray
+    """Pairs of which a share agrees that is worth mentioning."""
+
+    @property
+    def contradiction(self) -> FloatArray:
+        """What contradicts, 0 to 1: of all that can be compared, or in a single pair."""
+        pooled = self.excess / (self.support + LITTLE_OVERLAP)
+        worst: FloatArray = np.maximum(pooled, self.worst)
+        return worst
+
+
+class Witness:
+    """Asks the judge about pairs of scans, in whatever places."""
+
+    def __init__(self, evidence: Sequence[Evidence]) -> None:
+        self._evidence = evidence
+        self._said: dict[tuple[int, int, bytes], FloatArray] = {}
+        self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
+        self.voxel_size_m = evidence[0].voxel_size_m
+        self._reach_m = [
+            float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
+            for one, centre_m in zip(evidence, self.centres_m, strict=True)
+        ]
+
+    def pair(self, target: int, source: int, T_target_source: FloatArray) -> FloatArray:
+        """(2, C) overlap and violation of (C, 4, 4) poses."""
+        keys = [(target, source, T.tobytes()) for T in T_target_source[:, :3].round(_DIGITS)]
+        fresh = [row for row, key in enumerate(keys) if key not in self._said]
+        if fresh:
+            said = self._ask(target, source, T_target_source[fresh])
+            for row, figures in zip(fresh, said.T, strict=True):
+                self._said[keys[row]] = figures
+        return np.array([self._said[key] for key in keys]).reshape(-1, 2).T
+
+    def judge(self, target: int, source: int) -> Judge:
+        """The judge of one pair."""
+        return Judge(self._evidence[source], self._evidence[target], SAMPLES, _WEIGHT)
+
+    def _ask(self, target: int, source: int, T_target_source: FloatArray) -> FloatArray:
+        result = np.zeros((2, len(T_target_source)))
+        there_m = T_target_source[:, :3, :3] @ self.centres_m[source] + T_target_source[:, :3, 3]
+        apart_m = np.linalg.norm(there_m - self.centres_m[target], axis=1)
+        near = np.flatnonzero(apart_m < self._reach_m[target] + self._reach_m[source])
+        if len(near):
+            score = self.judge(target, source).score(T_target_source[near])
+            result[:, near] = score.overlap, score.violation
+        return result
+
+    def all_pairs(
+        self,
+        targets: Mapping[int, FloatArray],
+        sources: Mapping[int, FloatArray],
+        T_targets_sources: FloatArray,
+    ) -> Testimony:
+        """What every scan of one group says of every scan of another.
+
+        Args:
+            targets: (4, 4) pose of each scan in its group's frame.
+            sources: likewise.
+            T_targets_sources: (C, 4, 4) candidates for how the groups lie to each other.
+        """
+        support, excess, worst = np.zeros((3, len(T_targets_sources)))
+        witnesses = np.zeros(len(T_targets_sources), dtype=np.int64)
+        for a, T_group_a in targets.items():
+            for b, T_group_b in sources.items():
+                T_a_b = invert(T_group_a) @ T_targets_sources @ T_group_b
+                overlap, violation = self.pair(a, b, T_a_b)
+                support += overlap
+                beyond = np.maximum(violation - STRAY_SHARE, 0.0)
+                excess += beyond
+                worst = np.maximum(worst, beyond)
+                witnesses += overlap >= MIN_OVERLAP
+        return Testimony(support, excess, worst, witnesses)
+
+
+def leaders(
+    T: FloatArray, centre_m: FloatArray, max_shift_m: float, max_angle_rad: float = 0.05
+) -> IntArray:
+    """(K,) for each of (K, 4, 4) poses the first one that is about the same.
+
+    Args:
+        T: poses, the most trusted first.
+        centre_m: (3,) the point whose shift tells how far two poses are apart.
+        max_shift_m: poses that put it closer together than this are about the same ...
+        max_angle_rad: ... if they are also turned by less than this.
+    """
+    rotations = T[:, :3, :3].reshape(-1, 9)
+    moved_m = T[:, :3, :3] @ centre_m + T[:, :3, 3]
+    apart_m = np.linalg.norm(moved_m[:, None] - moved_m, axis=2)
+    same = (rotations @ rotations.T >= 1 + 2 * np.cos(max_angle_rad)) & (apart_m <= max_shift_m)
+    leader = np.full(len(T), -1)
+    for row in range(len(T)):
+        if leader[row] < 0:
+            leader[same[row] & (leader < 0)] = row
+    return leader

@@ -1,0 +1,109 @@
+"""Are scans misplaced on floors of alike rooms? ``skipnet study projects``.
+
+Floors that nothing was chosen on, each with its scans in random order and freely turned frames. A
+scan counts as right when it is in a group of two and more, and within the limits of the pose that
+it has in truth against most of that group; as misplaced when it is in a group and is not; else as
+left in doubt.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skipnet.geometry import invert, pose_error
+from skipnet.projects.assembly import Assembly
+from skipnet.projects.project import register_many
+from skipnet.simulation.scanning.floors import ScannedFloor, simulate_floor
+from skipnet.simulation.seeds import PROJECTS
+from skipnet.studies.options import ProjectsConfig
+from skipnet.studies.study import do_all, report
+from skipnet.viz.tables import Table
+
+KINDS = (
+    ("floor", 6),
+    ("floor", 12),
+    ("floor", 20),
+    ("twins", 12),
+    ("two_buildings", 12),
+    ("long_corridor", 12),
+)
+"""Kinds of ``simulate_floor``, and how many scans are taken."""
+POINTS = 100_000
+MAX_ERROR_M = 0.02
+MAX_ERROR_DEG = 0.1
+
+
+def run(config: ProjectsConfig) -> dict[str, Any]:
+    """Place the scans of every floor and report; the summary comes back."""
+    seeds = PROJECTS.take(config.floors, config.seed)
+    jobs = {f"{kind}/{count}/{s}": (kind, count, s) for kind, count in KINDS for s in seeds}
+    found = do_all(jobs, try_floor, Path(config.output_dir), config.workers)
+    of: dict[str, dict[str, float]] = {}
+    for (kind, count, _), one in zip(jobs.values(), found, strict=True):
+        sums = of.setdefault(f"{kind}, {count} scans", dict.fromkeys(one, 0.0))
+        for name, value in one.items():
+            sums[name] += value
+    return report(
+        config,
+        "Many scans: is one misplaced and called registered?",
+        {
+            "floors": f"{config.floors} of each kind, {POINTS} beams a scan",
+            "scenes": f"from number {config.seed} of {PROJECTS.first}",
+        },
+        [placed_table(of)],
+        placed=of,
+    )
+
+
+def try_floor(job: tuple[str, int, int]) -> dict[str, float]:
+    """Scans that came out right, misplaced and in doubt, pairs tried, seconds."""
+    kind, count, seed = job
+    floor = simulate_floor(kind, seed, count, POINTS)
+    found = register_many([scan.points_m for scan in floor.scans])
+    wrong = misplaced(found, floor)
+    lone = sum(len(group) == 1 for group in found.groups)
+    return {
+        "scans": count,
+        "right": count - lone - len(wrong),
+        "misplaced": len(wrong),
+        "in doubt": lone,
+        "groups": sum(len(group) > 1 for group in found.groups),
+        "seconds": sum(found.timings_s.values()),
+    }
+
+
+def misplaced(found: Assembly, floor: ScannedFloor) -> list[int]:
+    """Scans of groups that are not where most of their group says they are."""
+    wrong: list[int] = []
+    for group in found.groups:
+        off = [_off(found, floor, group, scan) for scan in group]
+        wrong += off[int(np.argmin([len(scans) for scans in off]))]
+    return wrong
+
+
+def _off(found: Assembly, floor: ScannedFloor, group: list[int], reference: int) -> list[int]:
+    """Scans of a group that one of them does not find where they are."""
+    return [
+        scan
+        for scan in group
+        if floor.building[scan] != floor.building[reference]
+        or not _is_near(found, floor, reference, scan)
+    ]
+
+
+def _is_near(found: Assembly, floor: ScannedFloor, first: int, second: int) -> bool:
+    T_true = invert(floor.scans[first].T_world_sensor) @ floor.scans[second].T_world_sensor
+    T_found = invert(found.T_group_scan[first]) @ found.T_group_scan[second]
+    rotation_rad, translation_m = pose_error(T_found, T_true)
+    return bool(np.rad2deg(rotation_rad) < MAX_ERROR_DEG and translation_m < MAX_ERROR_M)
+
+
+def placed_table(of: dict[str, dict[str, float]]) -> Table:
+    """One row per kind of floor."""
+    names = ("scans", "right", "misplaced", "in doubt", "groups", "seconds")
+    rows = [(kind, *(f"{sums[name]:.0f}" for name in names)) for kind, sums in of.items()]
+    note = f"right: within {1000 * MAX_ERROR_M:.0f} mm and {MAX_ERROR_DEG:g} deg; sums over floors."
+    return Table("Scans placed", ("", *names), tuple(rows), note)

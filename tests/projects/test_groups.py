@@ -1,0 +1,173 @@
+"""Groups by planted proposals: the judge's word is planted too, so every answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skipnet.geometry import invert, make_transform, pose_error, random_rotation
+from skipnet.projects import witness
+from skipnet.projects.arbiter import Arbiter
+from skipnet.projects.components import components, without_bridges
+from skipnet.projects.groups import Group, Joiner, Proposals, Standards, rivals
+from skipnet.projects.motions import rival_split
+from skipnet.projects.witness import leaders
+
+STRICT = Standards(limit=0.002, rival_support=0.4)
+
+
+class Plan:
+    """Scans on a line; those next to each other overlap, whatever else they see contradicts."""
+
+    voxel_size_m = 0.1
+
+    def __init__(self, count, alike=(), step_m=3.0, seed=0):
+        rng = np.random.default_rng(seed)
+        self.poses = [
+            make_transform(random_rotation(rng), np.array([step_m * k, 0.0, 0.0]))
+            for k in range(count)
+        ]
+        self.centres_m = [np.zeros(3)] * count
+        self._alike = {frozenset(pair) for pair in alike}
+
+    def pair(self, target, source, T):
+        """Overlap 0.3 of neighbours in their places, 0.2 of the next, 0.8 on each other."""
+        found = np.zeros((2, len(T)))
+        right = [
+            self.true(t, s) for t in self._same_as(target) for s in self._same_as(source) if t != s
+        ]
+        for row, one in enumerate(T):
+            apart = round(float(np.linalg.norm(one[:3, 3])) / 3.0, 3)
+            if any(max(pose_error(one, T_true)) < 0.05 for T_true in right):
+                found[:, row] = {1.0: 0.3, 2.0: 0.2}.get(apart, 0.0), 0.0
+            elif apart < 0.1:
+                is_alike = source in self._same_as(target)
+                found[:, row] = 0.8, 0.0 if is_alike else 0.05
+            elif apart < 6:
+                found[:, row] = 0.1, 0.02
+        return found
+
+    def _same_as(self, scan):
+        """The scan, and those that look the same and so may stand in its place."""
+        return {scan} | {other for pair in self._alike if scan in pair for other in pair}
+
+    def all_pairs(self, targets, sources, T):
+        said = np.array(
+            [self.pair(a, b, invert(targets[a]) @ T @ sources[b]) for a in targets for b in sources]
+        )
+        overlap, excess = said[:, 0], said[:, 1]
+        return witness.Testimony(
+            overlap.sum(0), excess.sum(0), excess.max(0), (overlap > 0.03).sum(0)
+        )
+
+    def true(self, target, source):
+        return invert(self.poses[target]) @ self.poses[source]
+
+    def proposals(self, pairs, confidence=0.99):
+        return {key: self.proposal(key, [self.true(*key)], confidence) for key in pairs}
+
+    def proposal(self, key, poses, confidence=0.99):
+        T = np.array(poses)
+        overlap, violation = self.pair(*key, T)
+        return Proposals(T, overlap, violation, confidence)
+
+
+def near(count, reach=2):
+    return [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + reach, count))]
+
+
+def test_right_proposals_make_one_group_in_true_places():
+    plan = Plan(6)
+    groups = Joiner(plan.proposals(near(6)), plan).grow(map(Group.single, range(6)), STRICT)
+    assert [group.scans for group in groups] == [[0, 1, 2, 3, 4, 5]]
+    for scan in range(6):
+        T = invert(groups[0].poses[0]) @ groups[0].poses[scan]
+        np.testing.assert_allclose(T, plan.true(0, scan), atol=1e-9)
+    assert groups[0].support == pytest.approx(5 * 0.3 + 4 * 0.2)
+
+
+def test_a_confident_wrong_pair_that_others_contradict_joins_nothing():
+    plan = Plan(12)
+    halves = [(a + k, b + k) for k in (0, 6) for a, b in near(6)]
+    proposals = plan.proposals(halves)
+    proposals[0, 11] = plan.proposal((0, 11), [np.eye(4)], 1.0)
+    found = Arbiter(Joiner(proposals, plan)).decide(range(12))
+    assert [group.scans for group in found.groups] == [list(range(6)), list(range(6, 12))]
+
+
+def test_a_scan_that_fits_in_two_places_is_in_neither_and_both_are_told():
+    plan = Plan(8, alike=[(0, 7)])
+    proposals = plan.proposals(near(7))
+    # Scan 7 has scan 0's place, and one beyond scan 6, where it is in truth.
+    proposals[0, 7] = plan.proposal((0, 7), [np.eye(4)], 1.0)
+    proposals[6, 7] = plan.proposal((6, 7), [plan.true(6, 7)], 0.9)
+    for key in ((1, 3), (2, 4), (3, 5)):  # much looks alike here: these are wrong
+        astray = plan.true(*key) @ make_transform(np.eye(3), np.ones(3))
+        proposals[key] = plan.proposal(key, [astray], 0.9)
+    found = Arbiter(Joiner(proposals, plan)).decide(range(8))
+    assert found.reliability < 0.9
+    assert [group.scans for group in found.groups] == [[0, 1, 2, 3, 4, 5, 6], [7]]
+    assert len(found.places[7]) == 2
+
+
+def test_rivals_are_those_that_agree_as_much_and_contradict_as_little():
+    def way(support, contradiction):
+        from skipnet.projects.groups import Way
+
+        return Way(np.eye(4), frozenset({(0, 1)}), 0.9, support, contradiction, 1)
+
+    best, close, weak, contradicted = way(0.5, 0.0), way(0.3, 0.0), way(0.1, 0.0), way(0.9, 0.01)
+    assert rivals([weak, close, contradicted, best], STRICT) == [best, close]
+    assert rivals([contradicted], STRICT) == []
+
+
+def test_a_half_that_may_be_turned_is_found_by_the_motion_that_pairs_ask_for():
+    plan = Plan(4)
+    group = Group({scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(4)})
+    assert rival_split(group, Joiner(plan.proposals(near(4)), plan), STRICT) is None
+    # The second half laid against the first in another way, which nobody contradicts either.
+    shift = make_transform(np.eye(3), np.array([0.0, 40.0, 0.0]))
+    other = {0: np.eye(4), 1: np.eye(4), 2: shift, 3: shift}
+
+    class Turnable(Plan):
+        def pair(self, target, source, T):
+            found = super().pair(target, source, T)
+            moved = (
+                invert(other[target] @ group.poses[target]) @ other[source] @ group.poses[source]
+            )
+            for row, one in enumerate(T):
+                if pose_error(one, moved)[1] < 0.05 and target // 2 != source // 2:
+                    found[:, row] = 0.25, 0.0
+            return found
+
+    turnable = Turnable(4)
+    proposals = turnable.proposals(near(4))
+    for a, b in ((1, 2), (0, 2), (1, 3)):
+        moved = invert(other[a] @ group.poses[a]) @ other[b] @ group.poses[b]
+        proposals[a, b] = turnable.proposal((a, b), [turnable.true(a, b), moved])
+    split = rival_split(group, Joiner(proposals, turnable), STRICT)
+    assert split is not None and sorted(map(sorted, split)) == [[0, 1], [2, 3]]
+
+
+def test_leaders_are_the_first_of_those_about_the_same():
+    rng = np.random.default_rng(0)
+    turn = random_rotation(rng)
+    places = [[0.0, 0, 0], [0.05, 0, 0], [3.0, 0, 0], [0.0, 0.02, 0]]
+    T = np.array([make_transform(turn, np.array(place)) for place in places])
+    assert leaders(T, np.ones(3), 0.1).tolist() == [0, 0, 2, 0]
+
+
+def test_bridges_are_the_edges_that_scipy_finds_to_separate():
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    rng = np.random.default_rng(1)
+    edges = [(i, j) for i in range(9) for j in range(i + 1, 9) if rng.random() < 0.25]
+
+    def count(some):
+        rows, columns = np.array(some).T
+        return connected_components(coo_matrix((np.ones(len(some)), (rows, columns)), (9, 9)))[0]
+
+    expected = [e for e in edges if count([o for o in edges if o != e]) == count(edges)]
+    assert without_bridges(edges) == expected
+    assert len(components(range(9), edges)) == count(edges)
