@@ -160,9 +160,9 @@ def test_results_tell_groups_places_and_every_pair(result):
     assert told["scans"][3]["status"] == "ambiguous" and len(told["scans"][3]["places"]) == 2
     words = {(pair["target"], pair["source"]): pair["word"] for pair in told["pairs"]}
     assert words == {key: str(word) for key, word in doubtful.words.items()}
-    page = scans_page(doubtful, list("abcd"), b"", b"", 0)
+    page = scans_page(doubtful, list("abcd"), "", b"", b"", 0)
     assert "Scan 3 (d) fits in 2 places" in page and "refuted" in page
-    assert "Nothing." in scans_page(result, list("abcd"), b"", b"", 0)
+    assert "Nothing." in scans_page(result, list("abcd"), "", b"", b"", 0)
 
 
 def projects_place(group):

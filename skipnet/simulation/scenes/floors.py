@@ -10,7 +10,13 @@ import numpy as np
 from skipnet.geometry import make_transform, rotation_from_vector
 from skipnet.simulation.scenes import furniture
 from skipnet.simulation.scenes.placement import Draft, Maker, Station, furnish, square_m
-from skipnet.simulation.scenes.rooms import Opening, Room, floor_pieces, rectangle, shell
+from skipnet.simulation.scenes.rooms import (
+    Opening,
+    Room,
+    floor_pieces,
+    rectangle,
+    shell,
+)
 from skipnet.simulation.scenes.shapes import Surface, join, moved
 from skipnet.types import FloatArray
 
