@@ -55,9 +55,9 @@ def test_every_scan_of_a_room_finds_its_place_and_every_pair_is_told(scans, resu
     assert result.position_std_m[0] == 0 and 0 < max(result.position_std_m) < 0.01
 
 
-def test_a_floor_of_alike_rooms_comes_together_and_nothing_is_misplaced(floor):
+def test_on_a_floor_of_alike_rooms_what_comes_together_is_right_and_the_rest_in_doubt(floor):
     result = skipnet.register_many([scan.points_m for scan in floor])
-    assert len(result.groups[0]) >= 5
+    assert len(result.groups[0]) >= 2
     for group in result.groups:
         assert_right(floor, group, result.T_group_scan, 0.1, 0.02)
     # Rooms alike register with each other by themselves; the others refute it.
