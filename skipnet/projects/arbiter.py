@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 from skipnet.geometry import invert
@@ -14,6 +14,8 @@ from skipnet.types import FloatArray
 LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one=True)
 """Where what pairs say by themselves holds throughout: outdoors right poses of real scans
 contradict each other by .011."""
+BUSY = replace(LENIENT, limit=0.03)
+"""Where leaves and passers-by contradict more, and all that is registered holds nevertheless."""
 STRICT = Standards(limit=0.0018, rival_support=0.4)
 """Where it does not, because much looks alike: right poses of simulated scans that nothing disturbs
 stay under .0013, wrong ones in alike rooms reach .002 and more (floors of development seeds)."""
@@ -49,14 +51,12 @@ class Arbiter:
     def decide(self, scans: Iterable[int]) -> Decision:
         """Groups from what pairs proposed, and what is in doubt."""
         scans = list(scans)
-        standards = LENIENT
-        groups = self._repaired(self._grown(scans, standards), standards)
-        reliability = self.reliability(groups)
-        if reliability < RELIABLE:
-            standards = STRICT
+        for standards in (LENIENT, BUSY, STRICT):
             groups = self._repaired(self._grown(scans, standards), standards)
-            reliability = min(self.reliability(groups), reliability)
-        doubts = Doubts(self._joiner, standards, reliability >= RELIABLE)
+            reliability = self.reliability(groups, standards)
+            if reliability >= RELIABLE:
+                break
+        doubts = Doubts(self._joiner, standards, standards is not STRICT)
         sure = doubts.sure_parts(groups)
         for _ in range(MAX_ROUNDS):
             groups = self._joiner.grow(self._counted(sure), standards)
@@ -65,7 +65,7 @@ class Arbiter:
             sure = doubts.sure_parts(groups)
         return self._with_places(sure, doubts.standards, reliability)
 
-    def reliability(self, groups: list[Group]) -> float:
+    def reliability(self, groups: list[Group], standards: Standards) -> float:
         """Share of the registered pairs that hold, of those that can be told; 1 for none."""
         of_scan = {scan: group for group in groups for scan in group.poses}
         held, refuted = 0, 0
@@ -79,7 +79,7 @@ class Arbiter:
             else:
                 ways = self._joiner.ways(*sorted((first, second), key=lambda g: g.scans))
                 own = [way for way in ways if key in way.voters and way.trust > 0]
-                refuted += all(way.contradiction > LENIENT.limit for way in own)
+                refuted += all(way.contradiction > standards.limit for way in own)
         return held / (held + refuted) if held + refuted else 1.0
 
     def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
