@@ -60,6 +60,7 @@ def require_package(package: str, pip_name: str) -> ModuleType:
 
 
 def missing_package(path: Path, package: str) -> ModuleNotFoundError:
+    """The error for a format whose optional package is not installed."""
     return ModuleNotFoundError(
         f"{path}: reading {path.suffix} needs the package {package}: pip install 'skipnet[formats]'"
     )

@@ -21,7 +21,7 @@ from skipnet.registration.judging.sliding import (
 )
 from skipnet.types import BoolArray, FloatArray, IntArray
 
-AMBIGUOUS_LEAD = 0.1
+AMBIGUOUS_MARGIN = 0.1
 """A rival whose score comes within this share of the best one's explains the data as well."""
 MIN_DECISIVE = 0.2
 """... unless what tells the two apart speaks for the best one as clearly as this."""
@@ -123,7 +123,7 @@ def _rivals(judge: Judge, T_target_source: FloatArray, score: Score, kept: IntAr
     near = rivals[:MOST_RIVALS]
     decisive = judge.decisiveness(T_target_source[first], T_target_source[near])
     contradicts_less = score.violation[near] + STRAY_SHARE < score.violation[first]
-    equal = score.total[rivals] > (1 - AMBIGUOUS_LEAD) * top
+    equal = score.total[rivals] > (1 - AMBIGUOUS_MARGIN) * top
     equal[:MOST_RIVALS] &= (decisive < MIN_DECISIVE) | contradicts_less
     repeated = _repeats(T_target_source, score, first, rivals)
     return _Rivals(

@@ -10,7 +10,7 @@ import numpy as np
 from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN
 from skipnet.types import FloatArray
 
-SAFE_LEAD = 0.3
+SAFE_MARGIN = 0.3
 """With less, a pose that leaves the sensors together may owe its lead to what looks alike there."""
 MAX_BLIND = 0.25
 """Scans are blind when one of them is more than half so."""
@@ -99,7 +99,7 @@ class Findings:
     def may_only_ride(self) -> bool:
         """Both sensors would have stood at one place, and yet have seen different things: rings on
         flat ground, what rides along, or what repeats, may be all that speaks for it."""
-        may_ride = self.is_sparse or self.riding_worth > MIN_RIDING or self.margin < SAFE_LEAD
+        may_ride = self.is_sparse or self.riding_worth > MIN_RIDING or self.margin < SAFE_MARGIN
         return self.seen_again < MIN_SEEN_AGAIN and may_ride
 
     @property

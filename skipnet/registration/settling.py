@@ -7,7 +7,7 @@ import numpy as np
 from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
-from skipnet.registration.examining import AMBIGUOUS_LEAD, find_out
+from skipnet.registration.examining import AMBIGUOUS_MARGIN, find_out
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
 from skipnet.registration.judging.sliding import holds_against
@@ -23,7 +23,7 @@ PREFERRED = 0.05
 """What tells a pose from any of these speaks for it when it does so by this much."""
 COMPARED = 6
 """... but no more of them than this."""
-CLOSE_LEAD = 0.5
+CLOSE_MARGIN = 0.5
 """A best pose that leads by less is compared with its rivals more strictly."""
 FINALISTS = 10
 """Distinct poses that stay in the running when the next generator is asked."""
@@ -55,7 +55,7 @@ def settle(
     start = np.concatenate([before.finalists, fresh])
     rows, fine, T, score = aligner.prepare(start, config.refine_samples)
     kept = judge.distinct(T, score)
-    if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_LEAD) * score.total[kept[0]]:
+    if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_MARGIN) * score.total[kept[0]]:
         score = judge.closer(T, score)
         kept = judge.distinct(T, score)
     kept = clearest_first(kept, score, fine, T, judge)
@@ -96,7 +96,7 @@ def firmest_first(kept: IntArray, score: Score, fine: Refinement) -> IntArray:
         score: of all poses.
         fine: their alignment.
     """
-    near = kept[score.total[kept] >= (1 - AMBIGUOUS_LEAD) * score.total[kept[0]]]
+    near = kept[score.total[kept] >= (1 - AMBIGUOUS_MARGIN) * score.total[kept[0]]]
     held = [
         holds_against(fine.information[row], fine.matched[row], fine.spread_m[row])[0][0]
         * fine.matched[row]

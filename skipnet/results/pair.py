@@ -96,6 +96,7 @@ def pair_page(
 
 
 def registration_fields(result: Registration) -> dict[str, Any]:
+    """What JSON keeps of a registration."""
     return {
         "status": result.status,
         "confidence": result.confidence,
@@ -145,5 +146,6 @@ def _brief(value: object) -> str:
 
 
 def footer(seed: int) -> str:
+    """The end of a page: seed and versions."""
     used = ", ".join(f"{name} {number}" for name, number in versions().items())
     return html.footer(f"seed {seed}; {used}")

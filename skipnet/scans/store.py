@@ -31,7 +31,7 @@ class ScanStore:
         seed: int,
         network: Model,
     ) -> list[Scan]:
-        """As ``skipnet.scans.scan.describe``, with what is in the folder taken from there.
+        """As ``skipnet.scans.describing.describe``, with what is in the folder taken from there.
 
         Args:
             clouds_m: as there.

@@ -34,7 +34,7 @@ class DescriptorTrainConfig:
             "clutter",
         ]
     )
-    """Simulated families, taken in turn (``skipnet.simulation.scenes.FAMILIES``)."""
+    """Simulated families, taken in turn (``skipnet.simulation.scenes.scenes.FAMILIES``)."""
     augmentation: Recipe = field(default_factory=Recipe)
     """How their scans are taken and spoilt; also those of validation and test."""
     training_pairs: int = 400

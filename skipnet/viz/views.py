@@ -85,6 +85,7 @@ def robust_bounds_m(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
+    """A figure without pyplot: nothing global, no display."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width_in, height_in), layout="constrained")
@@ -136,11 +137,13 @@ def draw_clouds(
 def draw_dots(
     axes: Axes, plane: tuple[int, int], points_m: FloatArray, **style: Any
 ) -> PathCollection:
+    """Draw (N, 3) points as dots of one view, in the style given."""
     horizontal, vertical = plane
     return axes.scatter(points_m[:, horizontal], points_m[:, vertical], linewidths=0, **style)
 
 
 def add_legend(figure: Figure, colours: dict[str, str]) -> None:
+    """Say below the views which colour is what."""
     from matplotlib.lines import Line2D
 
     marks = [

@@ -30,7 +30,7 @@ class Kind:
     family: str
     """A family of scenes, or "figure"."""
     device: str
-    """Of ``skipnet.simulation.views.DEVICES``; figures have a camera of their own."""
+    """Of ``skipnet.simulation.scanning.views.DEVICES``; figures have a camera of their own."""
     success_rotation_deg: float = 2.0
     success_translation_m: float = 0.1
 

@@ -52,11 +52,11 @@ def simulated_pairs(
     """``count`` simulated pairs of one family, or of all; pair i is of scene number ``seed + i``.
 
     Args:
-        family: one of ``skipnet.simulation.scenes.FAMILIES``, or "all": ``count``
+        family: one of ``skipnet.simulation.scenes.scenes.FAMILIES``, or "all": ``count``
             pairs of each whose scans have one answer only.
         count: number of pairs, at least 1.
         seed: number of the first scene among those of ``skipnet.simulation.seeds.BENCHMARK``.
-        scanner: one of ``skipnet.simulation.scanner.SCANNERS``.
+        scanner: one of ``skipnet.simulation.scanning.scanner.SCANNERS``.
         rotation: "yaw" keeps the second scanner upright, "any" turns it freely.
         points: beams per scan; None takes the scanner's own number.
     """

@@ -21,7 +21,7 @@ _MEDIAN_SAMPLES = 4096
 @dataclass(frozen=True)
 class Matches:
     """What one step's correspondences of C candidates come to, linearised; see
-    ``skipnet.registration.refinement.Refinement``."""
+    ``skipnet.registration.alignment.refinement.Refinement``."""
 
     matched: IntArray
     """(C,)."""

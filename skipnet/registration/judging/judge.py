@@ -21,7 +21,7 @@ from skipnet.registration.judging.score import (
     ROUGH,
     Score,
     Strictness,
-    severity,
+    violation_cost,
 )
 from skipnet.registration.judging.states import facing, states
 from skipnet.scans.evidence import Evidence
@@ -56,7 +56,7 @@ class Judge:
     samples: int
     """Voxels to look at in each scan; the first so many of its sampling order."""
     violation_weight: float
-    """How fast contradictions devalue a pose: at a severity of 1 / weight its overlap counts for
+    """How fast contradictions devalue a pose: at a cost of 1 / weight its overlap counts for
     37 % (1 / e)."""
 
     riding_worth: float = 0.0
@@ -82,7 +82,7 @@ class Judge:
             one_way, poses, (self.source, self.target), (self.target, self.source)
         )
         overlap, violation, support, contradiction, mismatch = 0.5 * (there + back)
-        total = support * np.exp(-self.violation_weight * severity(contradiction))
+        total = support * np.exp(-self.violation_weight * violation_cost(contradiction))
         total *= np.exp(-MISMATCH_WEIGHT * mismatch / np.maximum(support, 1e-3))
         return Score(total, overlap, violation, support, contradiction, mismatch)
 

@@ -60,14 +60,14 @@ class Score:
         return self.mismatch / np.maximum(self.mismatch + self.support, 1e-9)
 
 
-def severity(violation: FloatArray) -> FloatArray:
+def violation_cost(violation: FloatArray) -> FloatArray:
     """How much shares of violating voxels say against a pose.
 
     It grows as the square root does: the first few contradictions say most, because right poses of
     still scenes have none at all, while in a busy street even the right one has some per cent. A
     stray voxel or two say little.
 
-    >>> severity(np.array([0.0, 0.0001, 0.01])).round(3)
+    >>> violation_cost(np.array([0.0, 0.0001, 0.01])).round(3)
     array([0.   , 0.003, 0.084])
     """
     return np.sqrt(violation + STRAY_SHARE) - np.sqrt(STRAY_SHARE)

@@ -65,7 +65,7 @@ def glimpse(
     """Look at scene ``seed`` of a family twice; the farther apart the views, the less they share.
 
     Args:
-        family: one of ``skipnet.simulation.scenes.FAMILIES``.
+        family: one of ``skipnet.simulation.scenes.scenes.FAMILIES``.
         seed: of the scene and the two places.
         eye: what looks.
         rng: draws the rest.

@@ -57,9 +57,9 @@ def simulate_pair(
     """Scan scene ``seed`` of a family from two places; the same arguments give the same bits.
 
     Args:
-        family: one of `skipnet.simulation.scenes.FAMILIES`.
+        family: one of `skipnet.simulation.scenes.scenes.FAMILIES`.
         seed: of the scene, the poses and the scanners' errors, each with its own generator.
-        scanner: one of `skipnet.simulation.scanner.SCANNERS`.
+        scanner: one of `skipnet.simulation.scanning.scanner.SCANNERS`.
         rotation: "yaw": the target keeps the world's axes, the source is turned about z by any
             angle, as in the paper. "any": the scanners stand upright all the same, but each cloud
             comes in a frame turned by a rotation uniform on SO(3).

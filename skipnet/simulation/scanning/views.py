@@ -32,7 +32,7 @@ class Device:
     """What takes the scans of a cloud, and how much of them it keeps."""
 
     scanner: str
-    """A preset of ``skipnet.simulation.scanner.SCANNERS``."""
+    """A preset of ``skipnet.simulation.scanning.scanner.SCANNERS``."""
     beams: int
     """Of each full scan."""
     half_angle_rad: tuple[float, float]
@@ -110,7 +110,7 @@ def look_around(family: str, seed: int, device: str) -> Views:
     """Scan scene ``seed`` of a family for two clouds in freely turned frames.
 
     Args:
-        family: one of ``skipnet.simulation.scenes.FAMILIES``.
+        family: one of ``skipnet.simulation.scenes.scenes.FAMILIES``.
         seed: of the scene, the places, the scanners' errors and the directions.
         device: one of ``DEVICES``.
 

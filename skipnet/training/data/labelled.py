@@ -92,7 +92,7 @@ def make_samples(
     """Simulate scenes of the families in turn and label their feature voxels.
 
     Args:
-        families: names of ``skipnet.simulation.scenes.FAMILIES``; seed k takes family k modulo
+        families: names among ``simulation.scenes.scenes.FAMILIES``; seed k takes family k modulo
             their number.
         seeds: of the scenes; each is scanned from two places.
         labelling: scanner, patch and labels.

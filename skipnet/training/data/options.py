@@ -46,7 +46,7 @@ class DataConfig:
     families: list[str] = field(
         default_factory=lambda: ["paper_room", "oblique", "doorway", "closed", "curved"]
     )
-    """Simulated families, taken in turn (``skipnet.simulation.scenes.FAMILIES``)."""
+    """Simulated families, taken in turn (``skipnet.simulation.scenes.scenes.FAMILIES``)."""
     scanner: str = "terrestrial"
     """terrestrial or rings."""
     turn_second_scan: bool = True

@@ -59,7 +59,7 @@ def make_patch_pairs(
     """Simulate pairs of scans of the families in turn and cut out pairs of patches.
 
     Args:
-        families: names of ``skipnet.simulation.scenes.FAMILIES``; seed k takes family k modulo
+        families: names among ``simulation.scenes.scenes.FAMILIES``; seed k takes family k modulo
             their number.
         seeds: of the scenes and of all that is drawn for them.
         per_scans: pairs of patches from one pair of scans, at most.
