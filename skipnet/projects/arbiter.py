@@ -15,8 +15,8 @@ LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one
 """Where what pairs say by themselves holds throughout: outdoors right poses of real scans
 contradict each other by .011."""
 BUSY = replace(LENIENT, limit=0.03)
-"""Where leaves and passers-by contradict more, and all that is registered holds nevertheless: chosen
-on one facade, whose right pairs contradict by up to .03."""
+"""Where leaves and passers-by contradict more, and all that is registered holds nevertheless.
+Chosen on one facade, whose right pairs contradict by up to .03."""
 STRICT = Standards(limit=0.0018, rival_support=0.4)
 """Where it does not, because much looks alike: right poses of simulated scans that nothing disturbs
 stay under .0013, wrong ones in alike rooms reach .002 and more (floors of development seeds)."""

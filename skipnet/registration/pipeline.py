@@ -135,7 +135,7 @@ def _naming_units(
     """
     source_size, target_size = size_of(source_m), size_of(target_m)
     guess = likeliest_unit(source_size, target_size)
-    hopeless = result.status is Status.FAILED and result.confidence < HOPELESS_CONFIDENCE
+    hopeless = result.status is not Status.REGISTERED and result.confidence < HOPELESS_CONFIDENCE
     if guess is None or not (hopeless or guess.is_worth_trying):
         return result
     clouds_m = guess.factor * source_m, target_m
