@@ -12,6 +12,8 @@ from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
+Keypoints = tuple[IntArray, FloatArray]
+"""(K,) rows of a Skip-map and their (K, D) descriptors."""
 KEPT_SHARE = 0.6
 """Of the voxels described, the most matchable are matched: the others give far more wrong matches
 than right."""
@@ -23,7 +25,7 @@ def describe_keypoints(
     network: Model,
     both_sides: bool = False,
     max_keypoints: int | None = None,
-) -> tuple[IntArray, FloatArray]:
+) -> Keypoints:
     """The voxels of a scan that are likeliest to be recognised in another, and their descriptors.
 
     Args:
@@ -74,10 +76,16 @@ def correspond(
         descriptors: 0 equal, 2 opposed.
     """
     unknown = source.viewpoint_m is None or target.viewpoint_m is None
-    (rows_s, described_s), (rows_t, described_t) = side_by_side(
+    keypoints = side_by_side(
         lambda scan, both: describe_keypoints(scan, network, both, max_keypoints),
         (source, target),
         (False, unknown),
     )
+    return recognise(*keypoints)
+
+
+def recognise(source: Keypoints, target: Keypoints) -> tuple[IntArray, IntArray, FloatArray]:
+    """As ``correspond``, of keypoints that are described already."""
+    (rows_s, described_s), (rows_t, described_t) = source, target
     of_source, of_target, distance = mutual_nearest(described_s, described_t)
     return rows_s[of_source], rows_t[of_target], distance

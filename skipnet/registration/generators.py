@@ -6,10 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skipnet.features.fpfh import fpfh
 from skipnet.features.matching import mutual_nearest
 from skipnet.features.primitives import Planes
-from skipnet.networks.describing import correspond
+from skipnet.networks.describing import Keypoints, recognise
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
 from skipnet.registration.hypotheses.correspondences import from_correspondences
@@ -50,21 +49,33 @@ def _from_slides(source: Scan, target: Scan, config: RegistrationConfig) -> Hypo
 
 
 def _from_descriptors(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
-    found = correspond(source.skipmap, target.skipmap, source.network)
+    keypoints = side_by_side(
+        _keypoints, (source, target), (False, not _agree_in_side(source, target))
+    )
+    found = recognise(*keypoints)
     return _from_matches(source, target, found, config)
 
 
 def _from_fpfh(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
-    found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
+    found = mutual_nearest(source.histograms, target.histograms)
     return _from_matches(source, target, found, config)
 
 
 def _planes(source: Scan, target: Scan) -> tuple[Planes, Planes]:
     """Planes of both; where a sensor's place is unknown, either side of them may be up."""
     planes_s, planes_t = side_by_side(lambda scan: scan.planes, (source, target))
-    if source.viewpoint_m is None or target.viewpoint_m is None:
+    if not _agree_in_side(source, target):
         planes_s = planes_s.with_both_signs()
     return planes_s, planes_t
+
+
+def _keypoints(scan: Scan, both_sides: bool) -> Keypoints:
+    return scan.two_sided_keypoints if both_sides else scan.keypoints
+
+
+def _agree_in_side(source: Scan, target: Scan) -> bool:
+    """Whether the normals of both look to their sensors."""
+    return source.viewpoint_m is not None and target.viewpoint_m is not None
 
 
 def _from_matches(

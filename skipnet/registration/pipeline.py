@@ -131,7 +131,8 @@ def _naming_units(
 ) -> Registration:
     """The same result, its reason naming the units if the scans only agree in different ones.
 
-    Units are tried; where that does not help, what may be a part and its whole is left as it is.
+    Units are tried, by the cheaper generators; where that does not help, what may be a part and its
+    whole is left as it is.
     """
     source_size, target_size = size_of(source_m), size_of(target_m)
     guess = likeliest_unit(source_size, target_size)
@@ -142,7 +143,8 @@ def _naming_units(
     scans = describe(
         clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device)
     )
-    retry = register_scans(scans[0], scans[1], config, Stopwatch())
+    quick = replace(config, generators=[g for g in config.generators if g is not Generator.fpfh])
+    retry = register_scans(scans[0], scans[1], quick, Stopwatch())
     registers = retry.status is Status.REGISTERED
     if not (registers or guess.is_surely_apart):
         return result
@@ -163,11 +165,13 @@ def _with_strays(reason: str, strays: int) -> str:
 def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:
     """Propose, verify and refine, one generator after the other until the verdict is clear."""
     with clock("classes"):
-        source, target = (scan.valued(config.feature_weight) for scan in (source, target))
+        evidence_s, evidence_t = (
+            scan.valued_evidence(config.feature_weight) for scan in (source, target)
+        )
     answer = Answer.none()
     if min(len(source.skipmap), len(target.skipmap)) == 0:
         return answer
-    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
+    judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
     for generator in config.generators:
         if is_enough(answer, generator):
