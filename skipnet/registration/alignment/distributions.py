@@ -31,8 +31,10 @@ def match_distributions(
     found = target.nearest(moved_m.reshape(-1, 3), reach_m).reshape(len(T), -1)
     own = moved_m, source.covariances[rows]
     theirs = target.points_m, target.covariances
-    figures = _normal_equations(T, *own, *theirs, found)
-    return Matches(*figures[:5]), figures[5]
+    matches, squared = Matches.none((found >= 0).sum(axis=1)), np.zeros(len(T))
+    figures = matches.centre_m, matches.spread_m, matches.information, matches.gradient, squared
+    _normal_equations(T, *own, *theirs, found, matches.matched, figures)
+    return matches, squared
 
 
 @compiled
@@ -43,8 +45,11 @@ def _normal_equations(
     target_m: FloatArray,
     target_covariances: FloatArray,
     row: IntArray,
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The fields of ``Matches``, about the centre of the matched points, and the mean squares.
+    matched: IntArray,
+    figures: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
+    """Centre of the matched points, spread, information and gradient about it, and the mean squares
+    of C candidates, into zeros.
 
     Args:
         T_target_source: (C, 4, 4).
@@ -53,23 +58,20 @@ def _normal_equations(
         target_m: (M, 3).
         target_covariances: (M, 3, 3).
         row: (C, S) of the target; -1 for no correspondence.
+        matched: (C,) how many there are.
+        figures: what is filled in.
     """
-    candidates, samples = row.shape
-    matched = np.zeros(candidates, dtype=np.int64)
-    centre_m, spread_m = np.zeros((candidates, 3)), np.zeros(candidates)
-    information, gradient = np.zeros((candidates, 6, 6)), np.zeros((candidates, 6))
-    squared = np.zeros(candidates)
+    centre_m, spread_m, information, gradient, squared = figures
     lever_m, residual_m, weight = np.empty(3), np.empty(3), np.empty((3, 3))
-    for c in range(candidates):
-        for s in range(samples):
-            if row[c, s] >= 0:
-                matched[c] += 1
-                centre_m[c] += moved_m[c, s]
+    for c in range(len(row)):
         if matched[c] == 0:
             continue
-        centre_m[c] /= matched[c]
+        for s in range(row.shape[1]):
+            if row[c, s] >= 0:
+                for i in range(3):
+                    centre_m[c, i] += moved_m[c, s, i] / matched[c]
         square_m2 = 0.0
-        for s in range(samples):
+        for s in range(row.shape[1]):
             t = row[c, s]
             if t < 0:
                 continue
@@ -81,7 +83,6 @@ def _normal_equations(
             squared[c] += _add(lever_m, residual_m, weight, information[c], gradient[c])
         spread_m[c] = np.sqrt(square_m2 / matched[c])
         squared[c] /= matched[c]
-    return matched, centre_m, spread_m, information, gradient, squared
 
 
 @compiled
