@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from skipnet.storage import replacing
+from skipnet.storage import write_bytes
 
 
 def save_checkpoint(path: Path, identity: str, state: dict[str, Any]) -> None:
@@ -19,8 +20,9 @@ def save_checkpoint(path: Path, identity: str, state: dict[str, Any]) -> None:
         state: of the training.
     """
     everything = {**state, "identity": identity, "torch_rng": torch.get_rng_state()}
-    with replacing(path) as temporary:
-        torch.save(everything, temporary)
+    content = io.BytesIO()  # on a full disk torch itself raises what names no file
+    torch.save(everything, content)
+    write_bytes(path, content.getvalue())
 
 
 def load_checkpoint(path: Path, identity: str, device: torch.device) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.storage import append_line, read_lines
+from skipnet.storage import append_line, read_lines, replacing
 from skipnet.types import FloatArray
 
 Matrix = list[list[float]]
@@ -59,9 +59,9 @@ def save_correspondences(
     """Write (K, 3) source and target points that a method holds for the same, and note the file."""
     digest = hashlib.sha256(prediction.pair.encode()).hexdigest()[:16]
     path = Path("correspondences") / prediction.method / f"{digest}.npy"
-    (folder / path).parent.mkdir(parents=True, exist_ok=True)
     clouds = np.stack([source_m, target_m]).astype(np.float32)
-    np.save(folder / path, clouds)
+    with replacing(folder / path) as temporary:
+        np.save(temporary, clouds)
     return replace(prediction, correspondences=path.as_posix())
 
 
