@@ -31,7 +31,7 @@ def read_numpy(path: Path) -> Iterator[Cloud]:
         ValueError: it is damaged, or no array in it can be points.
     """
     if zipfile.is_zipfile(path):
-        yield _cloud_of_archive(_read_archive(path), path)
+        yield _cloud_of_archive(read_archive(path), path)
         return
     with open(path, "rb") as file:
         array = _read_array(file, path.stat().st_size, str(path))
@@ -52,6 +52,8 @@ def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
         raise ValueError(f"{what}: truncated or not a NumPy file: {message}") from error
     if dtype.hasobject:
         raise ValueError(f"{what}: holds Python objects, which are never read: expected numbers")
+    if dtype.itemsize == 0:
+        raise ValueError(f"{what}: holds {dtype}, which takes no room: expected numbers")
     bytes_ = math.prod(shape) * dtype.itemsize
     if bytes_ > available or min(shape, default=0) < 0:
         raise ValueError(f"{what}: truncated: announces {shape} {dtype}, which it does not hold")
@@ -64,7 +66,12 @@ def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
     return np.frombuffer(body, dtype).reshape(shape, order="F" if fortran else "C")
 
 
-def _read_archive(path: Path) -> dict[str, np.ndarray]:
+def read_archive(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name, each held against the bytes that there are.
+
+    Raises:
+        ValueError: it is damaged, or no such archive.
+    """
     arrays = {}
     try:
         with zipfile.ZipFile(path) as archive:

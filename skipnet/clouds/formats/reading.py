@@ -100,7 +100,7 @@ def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cl
     if unit != "auto":
         check_known("unit", unit, tuple(METRES_PER_UNIT))
     is_empty = True
-    with _printable_errors():
+    with _clear_errors(path):
         for cloud in _READERS[_format_of(path)](path):
             if len(cloud):
                 is_empty = False
@@ -110,15 +110,17 @@ def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cl
 
 
 @contextmanager
-def _printable_errors() -> Iterator[None]:
-    """What an error repeats of a damaged file is shown as far as it is text, and not at length."""
+def _clear_errors(path: Path) -> Iterator[None]:
+    """Errors name the file, and what they repeat of it is shown as far as it is text, and short."""
     try:
         yield
     except ValueError as error:
         message = str(error)
-        if message.isprintable() and len(message) <= _LONGEST_LINE:
-            raise
+        if str(path.parent) not in message:  # of a library that did not know it
+            message = f"{path}: damaged: {message}"
         shown = "".join(letter if letter.isprintable() else "?" for letter in message)
+        if str(error) == shown[:_LONGEST_LINE]:
+            raise
         raise ValueError(shown[:_LONGEST_LINE]) from error
 
 
