@@ -167,7 +167,47 @@ def read_lines(path: Path) -> list[str]:
     complete = content[: content.rfind(b"\n") + 1]
     if len(complete) < len(content):
         os.truncate(path, len(complete))
-    return complete.decode("utf-8").splitlines()
+    try:
+        return complete.decode("utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: damaged: {error}") from error
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file, which may come from anywhere.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is damaged, or holds something else.
+    """
+    return parsed(path.read_bytes(), str(path))
+
+
+def parsed(text: bytes | str, what: str) -> dict[str, Any]:
+    """The object that a JSON text is; ``what`` it is stands in the error.
+
+    >>> parsed('[1, 2]', "a.json")
+    Traceback (most recent call last):
+    ...
+    ValueError: a.json: expected a JSON object, got list
+    """
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{what}: damaged, or no JSON: {str(error)[:160]}") from error
+    if not isinstance(content, dict):
+        raise ValueError(f"{what}: expected a JSON object, got {type(content).__name__}")
+    return content
+
+
+def is_inside(name: str) -> bool:
+    """Whether a relative path, as a file of a stranger names it, stays in its folder.
+
+    >>> [is_inside(name) for name in ("a/b.ply", "../b.ply", "/b.ply")]
+    [True, False, False]
+    """
+    path = Path(name)
+    return not path.is_absolute() and ".." not in path.parts and "\0" not in name
 
 
 def plain(value: Any) -> Any:

@@ -40,7 +40,7 @@ def _from_open3d(extension: str) -> Callable[[Path, FloatArray], Iterator[Path]]
             path = folder / f"{name}{extension}"
             cloud.normals = open3d.utility.Vector3dVector(points / 10)
             cloud.colors = open3d.utility.Vector3dVector(np.abs(points) / 5)
-            open3d.io.write_point_cloud(str(path), cloud, write_ascii=as_text, compressed=packed)
+            open3d.io.write_point_cloud(path, cloud, write_ascii=as_text, compressed=packed)
             yield path
 
     return write

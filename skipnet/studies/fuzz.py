@@ -64,22 +64,27 @@ def run(config: FuzzConfig) -> dict[str, Any]:
         for first in range(0, count, IN_ONE_GO)
     }
     outcomes = do_all(jobs, do, Path(config.output_dir), config.workers)
-    rows = []
-    for extension in wanted:
-        of = [o for o, job in zip(outcomes, jobs.values(), strict=True)
-              if job.extension == extension]  # fmt: skip
-        rows.append(_row(extension, of))
+    by_format = {
+        extension: [
+            outcome
+            for outcome, job in zip(outcomes, jobs.values(), strict=True)
+            if job.extension == extension
+        ]
+        for extension in wanted
+    }
     found = [dict(finding) for outcome in outcomes for finding in outcome["findings"]]
+    about = "changed at random from files that other libraries wrote"
+    rows = tuple(_row(extension, of) for extension, of in by_format.items())
     return report(
         config,
         "Damaged files: is each read, or refused in one line?",
-        {"files": "changed at random from files that other libraries wrote", "seed": str(config.seed)},
+        {"files": about, "seed": str(config.seed)},
         [
-            Table("Files", ("format", "files", "read", "refused", "findings", "s"), tuple(rows)),
+            Table("Files", ("format", "files", "read", "refused", "findings", "s"), rows),
             Table("Findings", ("file", "kind", "told"), tuple(map(_told, found))),
         ],
         findings=found,
-    )  # fmt: skip
+    )
 
 
 def _row(extension: str, outcomes: list[dict[str, Any]]) -> tuple[str, ...]:

@@ -29,13 +29,22 @@ def load_checkpoint(path: Path, identity: str, device: torch.device) -> dict[str
     """Read what ``save_checkpoint`` wrote, and set torch's random state.
 
     Raises:
-        ValueError: it was written by another training.
+        ValueError: it was written by another training, or is damaged.
     """
-    state: dict[str, Any] = torch.load(path, weights_only=True, map_location=device)
-    if state.pop("identity") != identity:
+    try:
+        state: dict[str, Any] = torch.load(path, weights_only=True, map_location=device)
+        written_by, random_state = state.pop("identity"), state.pop("torch_rng").cpu()
+    except OSError:
+        raise
+    except Exception as error:  # what torch, pickle and zipfile raise has no common base
+        message = " ".join(str(error).split())[:160]
+        raise ValueError(
+            f"{path}: damaged, or no checkpoint: remove it to start anew ({message})"
+        ) from error
+    if written_by != identity:
         raise ValueError(
             f"{path} belongs to a training with other options or data; "
             "give another output_dir, or remove it to start anew"
         )
-    torch.set_rng_state(state.pop("torch_rng").cpu())
+    torch.set_rng_state(random_state)
     return state

@@ -49,9 +49,12 @@ def test_after_an_error_all_is_as_it_was(tmp_path, error):
 
 
 def test_what_could_not_be_written_is_named_as_it_would_be_called(tmp_path):
-    with pytest.raises(OSError) as told, new_results(tmp_path) as staging:
-        with replacing(staging / "aligned.ply"):
-            raise OSError(28, "No space left on device")
+    with (
+        pytest.raises(OSError) as told,
+        new_results(tmp_path) as staging,
+        replacing(staging / "aligned.ply"),
+    ):
+        raise OSError(28, "No space left on device")
     assert told.value.filename == str(tmp_path / "aligned.ply") and names(tmp_path) == []
 
 

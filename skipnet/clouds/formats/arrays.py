@@ -33,9 +33,17 @@ def read_numpy(path: Path) -> Iterator[Cloud]:
     if zipfile.is_zipfile(path):
         yield _cloud_of_archive(read_archive(path), path)
         return
+    yield _cloud_of_array(read_npy(path), path, {})
+
+
+def read_npy(path: Path) -> np.ndarray:
+    """The array of an .npy file, held against the bytes that there are.
+
+    Raises:
+        ValueError: it is damaged, or no such file.
+    """
     with open(path, "rb") as file:
-        array = _read_array(file, path.stat().st_size, str(path))
-    yield _cloud_of_array(array, path, {})
+        return _read_array(file, path.stat().st_size, str(path))
 
 
 def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
