@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from string import Template
 from typing import NoReturn, TypeVar
@@ -26,6 +26,7 @@ from skipnet.commands.errors import (
 )
 from skipnet.commands.overrides import check_overrides
 from skipnet.commands.words import as_typed
+from skipnet.storage import owned
 
 CONFIG_DIR = Path(__file__).parents[1] / "configs"
 """The YAML files; each folder in it is a config group."""
@@ -133,7 +134,8 @@ def _run_hydra(
             composed.output_dir = HydraConfig.get().runtime.output_dir
         try:
             config = OmegaConf.to_object(composed)
-            outcome.append(exit_code(task(config)))  # type: ignore[arg-type]
+            with _owning(name, config):
+                outcome.append(exit_code(task(config)))  # type: ignore[arg-type]
         except Exception as error:
             # Hydra would print a line of its own about a failed job; in a sweep it must know of it.
             if in_sweep or not is_user_error(error):
@@ -149,6 +151,12 @@ def _run_hydra(
         if isinstance(result, Exception):
             raise result
     return max((code for code in outcome if isinstance(code, int)), default=EXIT_OK)
+
+
+def _owning(name: str, config: object) -> AbstractContextManager[None]:
+    """The folder of the run belongs to it, if it has one."""
+    folder = getattr(config, "output_dir", None)
+    return nullcontext() if folder is None else owned(Path(folder), name.replace("/", " "))
 
 
 def _store(name: str, schema: type) -> None:

@@ -46,17 +46,17 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
     scans = read_given_scans(paths, choices.unit)
     from skipnet.projects.project import register_many
 
-    result = register_many(
-        [scan.points_m for scan in scans],
-        viewpoints=[scan.viewpoint("auto") for scan in scans],
-        voxel_size_m=choices.voxel_size_m,
-        seed=choices.seed,
-        config=choices.registration,
-        folder=output_dir,
-        progress=_tell,
-    )
     labels = [scan.cloud.name for scan in scans]
     with new_results(output_dir) as folder:
+        result = register_many(
+            [scan.points_m for scan in scans],
+            viewpoints=[scan.viewpoint("auto") for scan in scans],
+            voxel_size_m=choices.voxel_size_m,
+            seed=choices.seed,
+            config=choices.registration,
+            folder=output_dir,
+            progress=_tell,
+        )
         view, png = _write_groups(scans, result, folder, names, choices)
         page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
         write_text(folder / "report.html", page)

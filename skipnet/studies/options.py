@@ -118,6 +118,20 @@ class ProjectsConfig(SimulatedStudyConfig):
 
 
 @dataclass
+class FuzzConfig(SimulatedStudyConfig):
+    """Is every damaged file read or refused in one line?"""
+
+    files: int = 5000
+    """Of each format that we read ourselves, and a fifth of each that libraries read."""
+    formats: list[str] = field(default_factory=list)
+    """Extensions without their dot; empty takes all."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.files >= 5, "files", self.files, "5 or more")
+
+
+@dataclass
 class PicturesConfig(StudyConfig):
     """Draw the pictures of the documentation."""
 
@@ -147,6 +161,7 @@ STUDIES: dict[str, type[StudyConfig]] = {
     "misses": MissesConfig,
     "inliers": InliersConfig,
     "projects": ProjectsConfig,
+    "fuzz": FuzzConfig,
     "pictures": PicturesConfig,
     "results": ResultsConfig,
 }

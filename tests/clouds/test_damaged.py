@@ -57,6 +57,11 @@ def test_pcd_that_holds_less_than_it_says(refused, points):
     assert "truncated" in refused("a.pcd", pcd("ascii", points, body=b"1 2 3\n4 5 6\n"))
 
 
+def test_pcd_whose_names_are_no_text(refused):
+    content = pcd().replace(b"x y z", b"x y \x00\x1b\xfc" + b"z" * 1000)
+    assert "lack x, y or z" in refused("a.pcd", content)
+
+
 def test_pcd_of_absurd_sizes(refused):
     assert "whole numbers after SIZE" in refused("a.pcd", pcd(size=10_000_000))
     assert "TYPE and SIZE" in refused("a.pcd", pcd("binary_compressed", size=1000))
@@ -191,6 +196,7 @@ def npy(shape, body=b"", kind="<f8"):
 def test_numpy_files_of_false_sizes_and_other_contents(refused):
     assert "truncated" in refused("a.npy", npy((10**9, 3)))
     assert "truncated" in refused("a.npz", archive("points.npy", npy((10**9, 3))))
+    assert "takes no room" in refused("f.npy", npy((2, 3), kind="<U0"))
     assert "(none)" in refused("b.npz", archive("points.txt", b"1 2 3"))
     assert "not a NumPy file" in refused("c.npz", archive("points.npy", b"no array"))
     bomb = npy((10**8, 3), bytes(24 * 10**6))
