@@ -56,7 +56,8 @@ def read_head(lines: Lines, remarks: list[str], path: Path) -> Head:
     Raises:
         ValueError: no points follow, or a line names columns and none of them is x, y or z.
     """
-    head, above = Head(remarks=remarks), []
+    head = Head(remarks=remarks)
+    above: list[str] = []
     while (coming := lines.peek(3)) and not _begins_points(coming):
         line = next(lines)
         if head.count is None and re.fullmatch(r"\s*\d{1,18}\s*", line):
