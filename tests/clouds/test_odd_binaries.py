@@ -235,3 +235,49 @@ def test_a_kind_of_camera(tmp_path, name):
     rows, columns = np.nonzero(depth)
     expected = np.column_stack([(columns - 31.5) / 25, (rows - 23.5) / 30, np.full(len(rows), 2)])
     np.testing.assert_allclose(skipnet.read_points(tmp_path / "a.png"), expected, atol=1e-9)
+
+
+def spherical():
+    range_m = np.linalg.norm(P, axis=1)
+    return {
+        "sphericalRange": range_m,
+        "sphericalAzimuth": np.arctan2(P[:, 1], P[:, 0]),
+        "sphericalElevation": np.arcsin(P[:, 2] / range_m),
+        "sphericalInvalidState": np.where(np.arange(N) % 5, 0, 2),
+        "rowIndex": np.arange(N) // 8,
+        "columnIndex": np.arange(N) % 8,
+        "timeStamp": 0.1 * np.arange(N),
+    }
+
+
+def test_e57_of_angles_with_invalid_beams_turned_and_far_away(tmp_path):
+    pytest.importorskip("pye57")
+    from skipnet.clouds.formats.e57_writing import add_scan, open_e57
+
+    file = open_e57(tmp_path / "a.e57", crs='PROJCS["a"]')
+    half = np.pi / 8
+    place_m = np.array([500000.123, 5400000.456, 300.789])
+    add_scan(file, spherical(), "east", place_m, (np.cos(half), 0, 0, np.sin(half)))
+    file.close()
+    cloud = skipnet.read_cloud(tmp_path / "a.e57")
+    cosine, sine = np.cos(2 * half), np.sin(2 * half)
+    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+    met = P[np.arange(N) % 5 > 0]
+    np.testing.assert_allclose(cloud.points_m, met @ turn.T + place_m, atol=1e-8)
+    np.testing.assert_array_equal(cloud.viewpoint_m, place_m)
+    assert cloud.crs == 'PROJCS["a"]' and set(cloud.columns) >= {"rowIndex", "timeStamp"}
+
+
+def test_e57_keeps_micrometres_of_a_map_without_a_viewpoint(tmp_path):
+    pye57 = pytest.importorskip("pye57")
+    far = P + [500000, 5400000, 300]
+    normals = P / np.linalg.norm(P, axis=1, keepdims=True)
+    cloud = skipnet.Cloud(far, RGB.astype(np.uint8), SHARE, normals, crs="EPSG:25832")
+    skipnet.write_cloud(tmp_path / "a.e57", cloud)
+    read = skipnet.read_cloud(tmp_path / "a.e57")
+    np.testing.assert_allclose(read.points_m, far, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(read.normals, normals)
+    assert read.viewpoint_m is None and read.crs == "EPSG:25832"
+    theirs = pye57.E57(str(tmp_path / "a.e57")).read_scan_raw(0, ignore_unsupported_fields=True)
+    np.testing.assert_allclose(theirs["cartesianY"], far[:, 1], atol=1e-9, rtol=0)
+    np.testing.assert_array_equal(theirs["colorRed"], RGB[:, 0])
