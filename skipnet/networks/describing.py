@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.features.cylinders import choose_keypoints
-from skipnet.features.matching import mutual_nearest
+from skipnet.features.matching import mutual_nearest, mutually_near
 from skipnet.features.patches import build_patches
 from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
@@ -74,10 +74,30 @@ def correspond(
         descriptors: 0 equal, 2 opposed.
     """
     unknown = source.viewpoint_m is None or target.viewpoint_m is None
-    (rows_s, described_s), (rows_t, described_t) = side_by_side(
+    of_source, of_target = side_by_side(
         lambda scan, both: describe_keypoints(scan, network, both, max_keypoints),
         (source, target),
         (False, unknown),
     )
-    of_source, of_target, distance = mutual_nearest(described_s, described_t)
+    return recognised(of_source, of_target)
+
+
+def recognised(
+    source: tuple[IntArray, FloatArray], target: tuple[IntArray, FloatArray], choices: int = 1
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Voxels of two scans, from ``describe_keypoints``, that recognise each other.
+
+    Args:
+        source: rows and descriptors.
+        target: rows and descriptors.
+        choices: so many others may each of them be taken for.
+
+    Returns:
+        See ``correspond``.
+    """
+    (rows_s, described_s), (rows_t, described_t) = source, target
+    if choices == 1:
+        of_source, of_target, distance = mutual_nearest(described_s, described_t)
+    else:
+        of_source, of_target, distance = mutually_near(described_s, described_t, choices)
     return rows_s[of_source], rows_t[of_target], distance

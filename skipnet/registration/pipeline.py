@@ -30,6 +30,9 @@ HOPELESS_CONFIDENCE = 0.05
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
 
+LAST_RESORTS = (Generator.deep, Generator.fpfh)
+"""Asked only while nothing is registered."""
+
 
 def register(
     source: ScanLike,
@@ -182,15 +185,16 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
 
 
 def is_enough(answer: Answer, coming: Generator) -> bool:
-    """Whether the coming generator need not be asked; FPFH takes longer than all the others.
+    """Whether the coming generator need not be asked; the last resorts take longer than the others.
 
     Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
     asked for rivals.
     """
-    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.is_blind:
+    is_last = coming in LAST_RESORTS
+    if not is_last and answer.findings is not None and answer.findings.is_blind:
         return False
     verdict = answer.verdict
-    enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
+    enough = 0.0 if is_last else CLEAR_CONFIDENCE
     return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
 from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import transform_points
-from skipnet.networks.describing import classify_voxels
+from skipnet.networks.describing import classify_voxels, describe_keypoints
 from skipnet.networks.model import Model
 from skipnet.scans.evidence import Evidence
 from skipnet.scans.record import Record
@@ -83,10 +83,14 @@ class Scan:
     """For the judge."""
     network: Model
     """What recognises and classifies its voxels."""
+    described: dict[tuple[str, bool], tuple[IntArray, FloatArray]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+    """What ``keypoints`` has worked out so far; every pair of which the scan is part has it."""
 
     def __getstate__(self) -> dict[str, object]:
         """The fields alone: what is worked out on demand holds trees of a library, and is again."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     @property
     def T_given_own(self) -> FloatArray:
@@ -145,6 +149,13 @@ class Scan:
         """The classified feature voxels; the network runs when they are first asked for."""
         rows = feature_voxels(self.skipmap)
         return FeatureVoxels(rows, classify_voxels(self.skipmap, rows, self.network))
+
+    def keypoints(self, network: Model, both_sides: bool) -> tuple[IntArray, FloatArray]:
+        """What ``describe_keypoints`` says, worked out when it is first asked for."""
+        key = network.digest, both_sides
+        if key not in self.described:
+            self.described[key] = describe_keypoints(self.skipmap, network, both_sides)
+        return self.described[key]
 
     @cached_property
     def corners(self) -> Corners:
