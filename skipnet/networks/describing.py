@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.features.cylinders import choose_keypoints
-from skipnet.features.matching import mutual_nearest
+from skipnet.features.matching import mutual_nearest, mutually_near
 from skipnet.features.patches import build_patches
 from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
@@ -76,16 +76,30 @@ def correspond(
         descriptors: 0 equal, 2 opposed.
     """
     unknown = source.viewpoint_m is None or target.viewpoint_m is None
-    keypoints = side_by_side(
+    of_source, of_target = side_by_side(
         lambda scan, both: describe_keypoints(scan, network, both, max_keypoints),
         (source, target),
         (False, unknown),
     )
-    return recognise(*keypoints)
+    return recognised(of_source, of_target)
 
 
-def recognise(source: Keypoints, target: Keypoints) -> tuple[IntArray, IntArray, FloatArray]:
-    """As ``correspond``, of keypoints that are described already."""
+def recognised(
+    source: Keypoints, target: Keypoints, choices: int = 1
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Voxels of two scans, from ``describe_keypoints``, that recognise each other.
+
+    Args:
+        source: rows and descriptors.
+        target: rows and descriptors.
+        choices: so many others may each of them be taken for.
+
+    Returns:
+        See ``correspond``.
+    """
     (rows_s, described_s), (rows_t, described_t) = source, target
-    of_source, of_target, distance = mutual_nearest(described_s, described_t)
+    if choices == 1:
+        of_source, of_target, distance = mutual_nearest(described_s, described_t)
+    else:
+        of_source, of_target, distance = mutually_near(described_s, described_t, choices)
     return rows_s[of_source], rows_t[of_target], distance

@@ -30,6 +30,9 @@ HOPELESS_CONFIDENCE = 0.05
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
 
+LAST_RESORTS = (Generator.deep, Generator.fpfh)
+"""Asked only while nothing is registered."""
+
 
 def register(
     source: ScanLike,
@@ -143,7 +146,8 @@ def _naming_units(
     scans = describe(
         clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device)
     )
-    quick = replace(config, generators=[g for g in config.generators if g is not Generator.fpfh])
+    cheap = [one for one in config.generators if one not in LAST_RESORTS]
+    quick = replace(config, generators=cheap or config.generators)
     retry = register_scans(scans[0], scans[1], quick, Stopwatch())
     registers = retry.status is Status.REGISTERED
     if not (registers or guess.is_surely_apart):
@@ -186,15 +190,16 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
 
 
 def is_enough(answer: Answer, coming: Generator) -> bool:
-    """Whether the coming generator need not be asked; FPFH takes longer than all the others.
+    """Whether the coming generator need not be asked; the last resorts take longer than the others.
 
     Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
     asked for rivals.
     """
-    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.is_blind:
+    is_last = coming in LAST_RESORTS
+    if not is_last and answer.findings is not None and answer.findings.is_blind:
         return False
     verdict = answer.verdict
-    enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
+    enough = 0.0 if is_last else CLEAR_CONFIDENCE
     return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 
 

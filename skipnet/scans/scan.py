@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy.typing as npt
@@ -79,10 +79,14 @@ class Scan:
     """For the judge."""
     network: Model
     """What recognises and classifies its voxels."""
+    described: dict[tuple[str, bool], Keypoints] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+    """What ``keypoints`` has worked out so far; every pair of which the scan is part has it."""
 
     def __getstate__(self) -> dict[str, object]:
         """The fields alone: what is worked out on demand holds trees of a library, and is again."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     @property
     def T_given_own(self) -> FloatArray:
@@ -137,16 +141,6 @@ class Scan:
         return thin(self.fine_tree.centroids_m, self.skipmap.voxel_size_m)
 
     @cached_property
-    def keypoints(self) -> Keypoints:
-        """What the network finds likely to be recognised."""
-        return describe_keypoints(self.skipmap, self.network)
-
-    @cached_property
-    def two_sided_keypoints(self) -> Keypoints:
-        """The same with both signs of each normal, for scans whose normals may point anywhere."""
-        return describe_keypoints(self.skipmap, self.network, both_sides=True)
-
-    @cached_property
     def histograms(self) -> FloatArray:
         """(V, 33) FPFH of every voxel."""
         return fpfh(self.skipmap)
@@ -156,6 +150,13 @@ class Scan:
         """The classified feature voxels; the network runs when they are first asked for."""
         rows = feature_voxels(self.skipmap)
         return FeatureVoxels(rows, classify_voxels(self.skipmap, rows, self.network))
+
+    def keypoints(self, network: Model, both_sides: bool) -> Keypoints:
+        """What ``describe_keypoints`` says, worked out when it is first asked for."""
+        key = network.digest, both_sides
+        if key not in self.described:
+            self.described[key] = describe_keypoints(self.skipmap, network, both_sides)
+        return self.described[key]
 
     @cached_property
     def corners(self) -> Corners:
