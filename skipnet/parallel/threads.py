@@ -55,7 +55,7 @@ def processors() -> int:
     """How many of the machine's processors this process may use: a container may allow it fewer."""
     if not hasattr(os, "sched_getaffinity"):
         return os.cpu_count() or 1
-    return max(1, min(len(os.sched_getaffinity(0)), math.ceil(_quota())))
+    return math.ceil(min(len(os.sched_getaffinity(0)), max(_quota(), 1)))
 
 
 @cache
