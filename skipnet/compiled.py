@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from functools import cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import TypeVar
 
@@ -76,9 +77,10 @@ def _temporary_cache() -> str | None:
     except OSError as error:
         print(f"skipnet: compiled anew by every process: {error}", file=sys.stderr)
         return None
-    print(
-        f"skipnet: compiled code is kept in {folder}, as neither the package's folder nor the "
-        "user's cache can be written (NUMBA_CACHE_DIR names another)",
-        file=sys.stderr,
-    )
+    if parent_process() is None:  # else it has been said
+        print(
+            f"skipnet: compiled code is kept in {folder}, as neither the package's folder nor the "
+            "user's cache can be written (NUMBA_CACHE_DIR names another)",
+            file=sys.stderr,
+        )
     return str(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import resource
 import struct
@@ -13,6 +14,7 @@ import pytest
 
 import skipnet
 from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.panics import without_trace
 
 PCD = "VERSION .7\nFIELDS x y z\nSIZE {size} 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {points}\n"
 PCD += "HEIGHT 1\nPOINTS {points}\nDATA {data}\n"
@@ -95,10 +97,10 @@ def test_bytes_of_nothing_are_refused_without_repeating_them(refused, name):
     assert name in refused(name, np.random.default_rng(0).bytes(601))
 
 
-def las(tmp_path, extension):
+def las(tmp_path, extension, kind=6):
     laspy = pytest.importorskip("laspy")
     path = tmp_path / f"whole.{extension}"
-    cloud = laspy.create(point_format=6, file_version="1.4")
+    cloud = laspy.create(point_format=kind, file_version="1.4")
     cloud.x, cloud.y, cloud.z = np.random.default_rng(0).normal(size=(3, 50))
     cloud.write(path)
     return bytearray(path.read_bytes())
@@ -131,6 +133,16 @@ def test_laz_with_false_chunks_and_layers(refused, tmp_path):
             assert len(skipnet.read_cloud(tmp_path / "b.laz")) <= 50
         except ValueError as error:
             assert str(error).startswith(str(tmp_path / "b.laz"))
+
+
+def test_a_panic_of_the_decompressor_is_one_line_and_nothing_more(refused, tmp_path, capfd):
+    content = las(tmp_path, "laz", kind=0)
+    (points_at,) = struct.unpack_from("<I", content, 96)
+    struct.pack_into("<H", content, points_at - 4, 1)  # bytes of what a point consists of
+    assert "a.laz" in refused("a.laz", bytes(content))
+    with without_trace():
+        os.write(2, b"another thread's words")
+    assert capfd.readouterr() == ("", "another thread's words")
 
 
 def crc32c(content):
