@@ -104,7 +104,7 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
     config = replace(
         evaluate_options("benchmark=speed", "pairs=2", "methods=[skipnet,icp]"),
         speed=SpeedConfig(
-            ["paper_room"], SIZES, most_points={"icp": SIZES[0]}, repeats=2, memory=False
+            ["paper_room"], [], SIZES, most_points={"icp": SIZES[0]}, repeats=2, memory=False
         ),
         output_dir=str(tmp_path / "run"),
     )
@@ -137,7 +137,8 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"speed": SpeedConfig(["nosuch"], SIZES)}, "unknown scene family 'nosuch'"),
+        ({"speed": SpeedConfig(["nosuch"])}, "unknown scene family 'nosuch'"),
+        ({"speed": SpeedConfig([], ["rigns"])}, "kind of pair 'rigns'; did you mean 'rings'"),
         ({"methods": "skipnet,icp_from_coarse"}, "starts from the pose of"),
         ({"methods": "icp", "speed": SpeedConfig(points=[9], most_points={"icp": 8})}, "above 8"),
         ({"methods": "skipnet"}, "choose another output_dir"),
@@ -153,6 +154,20 @@ def test_what_cannot_be_measured_is_refused_and_earlier_measurements_stay(tmp_pa
         run_speed(config, io.StringIO())
     assert (tmp_path / "measurements.jsonl").read_text() == "{}\n"
     assert [path.name for path in tmp_path.iterdir()] == ["measurements.jsonl"]
+
+
+def test_hard_pairs_have_a_table_and_what_shares_nothing_is_right_when_refused(tmp_path):
+    config = replace(
+        evaluate_options("benchmark=speed", "pairs=1", "methods=[skipnet,small_gicp]"),
+        speed=SpeedConfig([], ["rings", "rings_negative"], repeats=1),
+        output_dir=str(tmp_path / "run"),
+    )
+    rows = run_speed(config, io.StringIO())["rows"]
+    right = {(row["family"], row["method"]): row["successes"] for row in rows}
+    assert right["rings", "skipnet"] == right["rings_negative", "skipnet"] == 1
+    assert right["rings_negative", "small_gicp"] == 0, "it has no verdict"
+    report = (tmp_path / "run" / "report.md").read_text()
+    assert "## Time, hard pairs" in report and "Stages of skipnet, rings_negative" in report
 
 
 @pytest.mark.parametrize("sizes", [[], [0, 5], [20, 10]])

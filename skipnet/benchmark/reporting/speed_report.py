@@ -48,13 +48,21 @@ def write_speed_report(
         ]
         if config.speed.memory:
             tables.append(_memory_table(family, seen, labels))
+    if config.speed.kinds:
+        tables.append(_kinds_table(config.speed.kinds, measured, labels))
+        tables += [
+            _stages_table(kind, [found for found in measured if found.family == kind])
+            for kind in config.speed.kinds
+        ]
     caption = (
         "Against points per scan, all logarithmic. Above, median time, with bars from the fastest "
         "to the slowest pair; the exponent is the slope of the line fitted to all sizes. Below, "
         "peak memory beyond the two scans."
     )
-    growth = draw_growth(config, summary["rows"], summary["exponents"], labels)
-    figures = [ReportFigure("times", caption, growth)]
+    figures = []
+    if config.speed.families:
+        growth = draw_growth(config, summary["rows"], summary["exponents"], labels)
+        figures = [ReportFigure("times", caption, growth)]
     title = f"Registration benchmark: {config.benchmark}"
     pictures = Report(title, summary, tables, figures).write(folder)
     _write_scores(summary["rows"], folder / "scores.csv")
@@ -62,7 +70,8 @@ def write_speed_report(
         for row in summary["rows"]:
             tag = f"time_s against points per scan, {row['family']}/{row['method']}"
             log_scalars(writer, {tag: row["time_s"]}, row["size"])
-        log_png(writer, "figures/times", pictures["times"])
+        for name, picture in pictures.items():
+            log_png(writer, f"figures/{name}", picture)
     return summary
 
 
@@ -128,6 +137,7 @@ def _about(config: EvaluateConfig) -> dict[str, str]:
         "benchmark": config.benchmark,
         "methods": ", ".join(config.methods),
         "scans": f"{', '.join(config.speed.families)}; {_listed(config.speed.points)} points each",
+        "hard pairs": ", ".join(config.speed.kinds) or "none",
         "pairs": f"{config.pairs} of each size, from scene number {config.seed} on; of each the "
         f"middle one of {config.speed.repeats} runs",
         "limits": ", ".join(f"{m}: {n:,} points" for m, n in config.speed.most_points.items())
@@ -186,6 +196,32 @@ def _exponent_table(family: str, summary: dict[str, Any], labels: dict[str, str]
     return Table(f"Growth, {family}", headers, lines)
 
 
+def _kinds_table(
+    kinds: Sequence[str], measured: Sequence[Measurement], labels: dict[str, str]
+) -> Table:
+    """Time of each method on each kind of hard pair."""
+    of = {(row["family"], row["method"]): row for row in summarise(measured)}
+
+    def cell(row: dict[str, Any]) -> str:
+        """Time and successes of one method on one kind."""
+        return f"{number(row['time_s'])} ({row['successes']}/{row['pairs']})"
+
+    lines = tuple(
+        (
+            kind,
+            f"{of[kind, next(iter(labels))]['points_per_scan']:,.0f}",
+            *(cell(of[kind, name]) for name in labels),
+        )
+        for kind in kinds
+    )
+    note = (
+        "Median seconds, and how many answers are right: where the scans share nothing, that no "
+        "pose is called registered."
+    )
+    headers = ("kind of pair", "points per scan", *labels.values())
+    return Table("Time, hard pairs", headers, lines, note)
+
+
 def _memory_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
     def cell(row: dict[str, Any]) -> str:
         """Extra memory of one method at one size, beside the input's."""
@@ -222,7 +258,7 @@ def _stages_table(family: str, seen: Sequence[Measurement]) -> Table:
     lines = tuple(
         (stage, *(number(row["stages_s"].get(stage, 0.0)) for row in rows)) for stage in stages
     )
-    headers = ("stage (s)", *(f"{row['size']:,}" for row in rows))
+    headers = ("stage (s)", *(f"{row['points_per_scan']:,.0f}" for row in rows))
     return Table(f"Stages of {seen[0].method}, {family}", headers, lines)
 
 
