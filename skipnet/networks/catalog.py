@@ -13,12 +13,16 @@ import numpy as np
 from skipnet.clouds.formats.arrays import read_archive
 from skipnet.networks.model import Model, digest_of
 from skipnet.networks.names import SHIPPED, weights_file
+from skipnet.networks.numpy_deep import DeepNumpyNetwork
 from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.storage import read_json, replacing, write_text
 from skipnet.types import FloatArray
 
 
 def _deep(weights: dict[str, FloatArray], card: dict[str, Any], device: str) -> Model:
+    """On the processor NumPy is as fast, and need not be imported."""
+    if device == "cpu":
+        return DeepNumpyNetwork(weights, card)
     from skipnet.networks.torch_network import TorchNetwork
 
     return TorchNetwork(weights, card, device)

@@ -12,6 +12,7 @@ from skipnet.features.grids import GRID_SHAPE, cylinder_grids, turned_over
 from skipnet.networks.deep import DeepNetwork
 from skipnet.networks.devices import find_device
 from skipnet.networks.model import digest_of
+from skipnet.networks.numpy_deep import NO_CLASSES
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -80,7 +81,4 @@ class TorchNetwork:
         Raises:
             ValueError: always.
         """
-        raise ValueError(
-            "the deep network knows no classes: take network=shipped for the generators corners "
-            "and edges, and for a feature_weight other than 1"
-        )
+        raise ValueError(NO_CLASSES)

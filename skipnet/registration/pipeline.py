@@ -30,6 +30,9 @@ HOPELESS_CONFIDENCE = 0.05
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
 
+LAST_RESORTS = (Generator.deep, Generator.fpfh)
+"""Asked only while nothing is registered."""
+
 
 def register(
     source: ScanLike,
@@ -131,7 +134,8 @@ def _naming_units(
 ) -> Registration:
     """The same result, its reason naming the units if the scans only agree in different ones.
 
-    Units are tried; where that does not help, what may be a part and its whole is left as it is.
+    Units are tried, by the cheaper generators; where that does not help, what may be a part and its
+    whole is left as it is.
     """
     source_size, target_size = size_of(source_m), size_of(target_m)
     guess = likeliest_unit(source_size, target_size)
@@ -142,7 +146,9 @@ def _naming_units(
     scans = describe(
         clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device)
     )
-    retry = register_scans(scans[0], scans[1], config, Stopwatch())
+    cheap = [one for one in config.generators if one not in LAST_RESORTS]
+    quick = replace(config, generators=cheap or config.generators)
+    retry = register_scans(scans[0], scans[1], quick, Stopwatch())
     registers = retry.status is Status.REGISTERED
     if not (registers or guess.is_surely_apart):
         return result
@@ -163,11 +169,13 @@ def _with_strays(reason: str, strays: int) -> str:
 def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:
     """Propose, verify and refine, one generator after the other until the verdict is clear."""
     with clock("classes"):
-        source, target = (scan.valued(config.feature_weight) for scan in (source, target))
+        evidence_s, evidence_t = (
+            scan.valued_evidence(config.feature_weight) for scan in (source, target)
+        )
     answer = Answer.none()
     if min(len(source.skipmap), len(target.skipmap)) == 0:
         return answer
-    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
+    judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
     for generator in config.generators:
         if is_enough(answer, generator):
@@ -182,15 +190,16 @@ def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwa
 
 
 def is_enough(answer: Answer, coming: Generator) -> bool:
-    """Whether the coming generator need not be asked; FPFH takes longer than all the others.
+    """Whether the coming generator need not be asked; the last resorts take longer than the others.
 
     Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
     asked for rivals.
     """
-    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.is_blind:
+    is_last = coming in LAST_RESORTS
+    if not is_last and answer.findings is not None and answer.findings.is_blind:
         return False
     verdict = answer.verdict
-    enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
+    enough = 0.0 if is_last else CLEAR_CONFIDENCE
     return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 
 

@@ -189,7 +189,10 @@ def explain(pair: Pair, answer: Prediction) -> Miss:
 def judge_closely(T_target_source: FloatArray, source: Scan, target: Scan) -> Score:
     """What a registration's last judgement would say of (C, 4, 4) poses that come close."""
     config = RegistrationConfig()
-    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
+    evidence_s, evidence_t = (
+        scan.valued_evidence(config.feature_weight) for scan in (source, target)
+    )
+    judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
     return judge.closer(T_target_source, judge.score(T_target_source))
 
 

@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import nn
 
-from skipnet.networks.devices import CPU, fixed_threads
+from skipnet.networks.devices import CPU, THREADS, fixed_threads
 from skipnet.parallel.pools import keep_freed_memory
 from skipnet.training.checkpoints import load_checkpoint, save_checkpoint
 from skipnet.training.optimizers import OptimizerFactory, ScaledConjugateGradient
@@ -53,6 +53,7 @@ class Trainer(Generic[Network]):
         device: where to compute; on the CPU the same arguments give the same weights.
         on_step: called after every step with its number from 1 and its loss.
         on_round: called after every round.
+        threads: of torch.
 
     Raises:
         ValueError: an optimiser that needs all samples in every step, and a task of mini-batches.
@@ -68,9 +69,10 @@ class Trainer(Generic[Network]):
         device: torch.device = CPU,
         on_step: Callable[[int, float], None] = lambda step, loss: None,
         on_round: Callable[[Record, Judgement], None] = lambda record, judgement: None,
+        threads: int = THREADS,
     ) -> None:
         self.task, self.network, self.schedule = task, network, schedule
-        self.checkpoint, self.device = checkpoint, device
+        self.checkpoint, self.device, self.threads = checkpoint, device, threads
         self.on_step, self.on_round = on_step, on_round
         task.prepare(network, device)
         network.to(device)
@@ -95,7 +97,7 @@ class Trainer(Generic[Network]):
             ValueError: the checkpoint of another training.
         """
         keep_freed_memory()
-        with fixed_threads():
+        with fixed_threads(self.threads):
             if self.checkpoint is not None and self.checkpoint.exists():
                 self._resume(self.checkpoint)
             else:

@@ -79,8 +79,12 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Pat
     table = dict(zip("xyz", (raw * header.scales + header.offsets).T, strict=True))
     for name in records.point_format.dimension_names:
         values = np.asarray(records[name])
-        if name not in ("X", "Y", "Z") and values.any():
+        if name in ("X", "Y", "Z") or not values.any():
+            continue
+        if values.ndim == 1:
             table[name] = values
+        else:
+            table |= {f"{name} {k}": column for k, column in enumerate(values.T)}
     offset_m = np.array(header.offsets) * METRES_PER_UNIT[unit]
     return cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
 

@@ -39,6 +39,7 @@ _MAGIC: dict[bytes, str] = {
     b"\x89PNG\r\n\x1a\n": ".png",
 }
 """How files begin whose format names itself."""
+_TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _SCANS = (".e57", ".ptx")
 """Formats that may hold several scans."""
 _LONGEST_LINE = 480
@@ -132,8 +133,12 @@ def _format_of(path: Path) -> str:
         if head.startswith(magic):
             return extension
     extension = path.suffix.lower()
+    if extension in _TEXTS and _looks_like_ptx(head):
+        return ".ptx"
     if extension not in _READERS or extension in _MAGIC.values():
         # Of a format that names itself, and does not: text is text, whatever it is called.
+        if _looks_like_ptx(head):
+            return ".ptx"
         if _looks_like_rows(head):
             return ".txt"
         if extension not in _READERS:
@@ -142,6 +147,14 @@ def _format_of(path: Path) -> str:
                 f"expected one of {', '.join(SUPPORTED)}"
             )
     return extension
+
+
+def _looks_like_ptx(head: bytes) -> bool:
+    """Whether a file begins as a PTX scan does: two counts, four lines of three, some of four."""
+    lines = [line.split() for line in head.splitlines()[:8]]
+    if [len(words) for words in lines] != [1, 1, 3, 3, 3, 3, 4, 4]:
+        return False
+    return all(words[0].isdigit() for words in lines[:2])
 
 
 def _looks_like_rows(head: bytes) -> bool:
@@ -186,7 +199,7 @@ def _finished(cloud: Cloud) -> Cloud:
 _READERS: dict[str, Callable[[Path], Iterator[Cloud]]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".asc", ".pts"), read_text),
+    **dict.fromkeys(_TEXTS, read_text),
     ".ptx": read_ptx,
     **dict.fromkeys((".npy", ".npz"), read_numpy),
     **dict.fromkeys((".las", ".laz"), read_las),
