@@ -7,6 +7,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from multiprocessing import parent_process
 from pathlib import Path
@@ -45,18 +46,18 @@ def _compile(function: _Function, forceinline: bool = False) -> _Function:
         options = {"forceinline": forceinline, "nogil": True, "error_model": "numpy"}
         return njit(cache=kept, **options)(function)  # type: ignore[call-overload]
 
-    try:
+    with suppress(RuntimeError):  # numba finds no folder for its cache
         return compile_(kept=True)
-    except RuntimeError:  # numba finds no folder for its cache
-        folder = _temporary_cache()
-    if folder is None:
+    if (folder := _temporary_cache()) is None:
         return compile_(kept=False)
     options = vars(config)  # read by numba whenever a function is marked
     saved, options["CACHE_DIR"] = options["CACHE_DIR"], folder
     try:
-        return compile_(kept=True)
+        with suppress(RuntimeError):
+            return compile_(kept=True)
     finally:
         options["CACHE_DIR"] = saved
+    return compile_(kept=False)
 
 
 @cache

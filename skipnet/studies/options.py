@@ -132,6 +132,22 @@ class FuzzConfig(SimulatedStudyConfig):
 
 
 @dataclass
+class InvariantsConfig(SimulatedStudyConfig):
+    """What may a change of the scans change?"""
+
+    pairs: int = 5
+    """Of each family of simulated scenes."""
+    data: str | None = None
+    """Folder with a pairs.json, whose pairs are changed too."""
+    most_per_set: int | None = None
+    """Of the folder: at most so many pairs of each set; null takes all."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.pairs >= 1, "pairs", self.pairs, "1 or more")
+
+
+@dataclass
 class PicturesConfig(StudyConfig):
     """Draw the pictures of the documentation."""
 
@@ -162,6 +178,7 @@ STUDIES: dict[str, type[StudyConfig]] = {
     "inliers": InliersConfig,
     "projects": ProjectsConfig,
     "fuzz": FuzzConfig,
+    "invariants": InvariantsConfig,
     "pictures": PicturesConfig,
     "results": ResultsConfig,
 }

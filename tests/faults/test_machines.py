@@ -13,26 +13,19 @@ import pytest
 from skipnet.parallel import threads
 
 COMPILED = """
-import sys
-from numba.core import caching
-for locator in caching.CacheImpl._locator_classes:
-    locator.ensure_cache_path = lambda self, usual=locator.ensure_cache_path: (
-        usual(self) if {folder!r} in self.get_cache_path() else (_ for _ in ()).throw(OSError())
-    )
 import numpy as np
 from skipnet.clouds.cleaning import _all_usable
 print(_all_usable(np.ones((2, 3))))
 """
 
 
-def run(folder, **variables):
-    """What a process says that can write code nowhere but below a folder."""
-    code = COMPILED.format(folder=str(folder))
-    environment = {**os.environ, "TMPDIR": str(folder), **variables}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True
-    ).stderr
+def run(folder):
+    """What a process says that finds no other place for compiled code than a temporary one."""
+    places = {"TMPDIR": str(folder), "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    command = [sys.executable, "-c", COMPILED]
+    environment = {**os.environ, **places}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+    return done.stderr
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no users on this system")
