@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from skipnet.checks import METRES_PER_UNIT, check_known, check_viewpoint, require
 from skipnet.commands import hydra_app
 from skipnet.commands.errors import EXIT_NOT_REGISTERED, EXIT_OK
+from skipnet.progress import Terminal
 from skipnet.registration.options import RegistrationConfig
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ class RegisterConfig:
     """Voxel edge length in metres; null chooses it from the data."""
     seed: int = 0
     """Seed of every random choice: the same input and seed give the same bits."""
+    terminal: Terminal = Terminal.table
+    """table: a bar, then what came out; quiet: errors alone; json: one line of JSON."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """How to register."""
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.progress import tell
 from skipnet.results.clouds import output_names, write_merged
 from skipnet.results.files import Choices, announce
 from skipnet.results.folder import new_results
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 SCANS_OUTPUTS = ("poses.json", "scans.png", "report.html")
 MAX_PLANS = 4
 """Groups of which the plan is drawn."""
-LONG_STAGE = 20
-"""Pairs from which on progress is told."""
 
 
 def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choices) -> Assembly:
@@ -53,7 +52,7 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
         seed=choices.seed,
         config=choices.registration,
         folder=output_dir,
-        progress=_tell,
+        progress=tell,
     )
     labels = [scan.cloud.name for scan in scans]
     with new_results(output_dir) as folder:
@@ -63,12 +62,6 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
         write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
     announce(f"{result.outcome}: {result.reason}", scans, output_dir)
     return result
-
-
-def _tell(stage: str, done: int, of: int) -> None:
-    """A line on the terminal at every tenth of a long stage."""
-    if of >= LONG_STAGE and done and (10 * done) // of > (10 * (done - 1)) // of:
-        print(f"{stage}: {done} of {of}", flush=True)
 
 
 def _write_groups(

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from skipnet.benchmark.options import EvaluateConfig
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.checks import require
 from skipnet.geometry import pose_error
+from skipnet.progress import say
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import check_families
 from skipnet.simulation.seeds import SPEED
@@ -39,7 +40,7 @@ _PROBE_BEAMS = 20_000
 _BYTES_PER_RSS_UNIT = 1 if sys.platform == "darwin" else 1024
 
 
-def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
+def run_speed(config: EvaluateConfig) -> dict[str, Any]:
     """Measure all chosen methods at all sizes and write the report into ``config.output_dir``.
 
     Returns:
@@ -64,9 +65,9 @@ def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str
             measured.append(measurement)
             file.write(json.dumps(asdict(measurement)) + "\n")
             file.flush()
-            print(_line(measurement), file=progress)
+            say(_line(measurement))
     summary = write_speed_report(config, measured, folder)
-    print(f"see {folder / 'report.html'}", file=progress)
+    say(f"see {folder / 'report.html'}")
     return summary
 
 
