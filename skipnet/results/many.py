@@ -10,6 +10,7 @@ import numpy as np
 
 from skipnet.clouds.cloud import Cloud
 from skipnet.progress import tell
+from skipnet.results.closing import many_rows
 from skipnet.results.clouds import output_names, write_merged
 from skipnet.results.files import Choices, announce
 from skipnet.results.folder import new_results
@@ -42,6 +43,7 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
     """
     names = output_names("merged", paths, choices.format)
     check_not_overwritten(paths, output_dir, [*SCANS_OUTPUTS, *names])
+    tell("reading the scans")
     scans = read_given_scans(paths, choices.unit)
     from skipnet.projects.project import register_many
 
@@ -54,14 +56,31 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
         folder=output_dir,
         progress=tell,
     )
-    labels = [scan.cloud.name for scan in scans]
     with new_results(output_dir) as folder:
-        view, png = _write_groups(scans, result, folder, names, choices)
-        page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
-        write_text(folder / "report.html", page)
-        write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
-    announce(f"{result.outcome}: {result.reason}", scans, output_dir)
+        rows = write_many(scans, result, folder, names, choices)
+    announce(str(result), rows, scans, output_dir)
     return result
+
+
+def write_many(
+    scans: Sequence[Given],
+    result: Assembly,
+    folder: Path,
+    names: Sequence[str],
+    choices: Choices,
+) -> list[tuple[str, str]]:
+    """Write all results of many scans into a folder.
+
+    Returns:
+        The rows of the closing table.
+    """
+    tell("drawing and writing")
+    labels = [scan.cloud.name for scan in scans]
+    view, png = _write_groups(scans, result, folder, names, choices)
+    page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
+    write_text(folder / "report.html", page)
+    write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
+    return many_rows(result, sorted(path.name for path in folder.iterdir()))
 
 
 def _write_groups(
