@@ -8,6 +8,7 @@ from typing import Any
 
 from skipnet.checks import require
 from skipnet.networks.names import weights_file
+from skipnet.progress import Terminal
 
 MISSING: Any = "???"
 """OmegaConf's mark of an option that must be given."""
@@ -151,6 +152,8 @@ class EvaluateConfig:
     """
     worst: int = 3
     """Pairs of the first method that the report shows before and after, the worst first."""
+    terminal: Terminal = Terminal.table
+    """table: a bar, then what came out; quiet: errors alone; json: one line of JSON."""
     output_dir: str = "runs/evaluate"
     """Folder of this run, relative to where the user stands; give an earlier one to resume it."""
 

@@ -14,7 +14,7 @@ from skipnet.results.inputs import LARGEST_SCENE_M, Given
 from skipnet.skipmap.tree import points_of
 from skipnet.types import FloatArray, Status
 from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR, scan_colour
-from skipnet.viz.viewer import ViewedPose, ViewedScan, viewer
+from skipnet.viz.viewer import MOST_POINTS, ViewedPose, ViewedScan, viewer
 
 _MOST_MEASURED = 200_000
 _FAR_EXTENTS = 5.0
@@ -56,13 +56,16 @@ def words_of(result: Registration) -> PoseWords:
     return NOTHING if result.findings is None else WORDS[Status(result.status)]
 
 
-def pair_viewer(source: Given, target: Given, result: Registration) -> tuple[str, FloatArray]:
+def pair_viewer(
+    source: Given, target: Given, result: Registration, most: int = MOST_POINTS
+) -> tuple[str, FloatArray]:
     """The view of a pair, and the (N,) residuals of the source's points in the pose.
 
     Args:
         source: the scan that was moved.
         target: the scan that stayed.
         result: of the registration.
+        most: points to show.
     """
     source_m, target_m = points_of(source.points_m), points_of(target.points_m)
     T = result.T_target_source
@@ -77,17 +80,18 @@ def pair_viewer(source: Given, target: Given, result: Registration) -> tuple[str
         )
     ]
     poses = [_before(source_m, target_m), *_candidates(result)]
-    return viewer(scans, poses, min(1, len(poses) - 1), result.voxel_size_m / 2), away_m[0]
+    start = min(1, len(poses) - 1)
+    return viewer(scans, poses, start, result.voxel_size_m / 2, most=most), away_m[0]
 
 
-def placed_viewer(placed: Sequence[Cloud], names: Sequence[str]) -> str:
+def placed_viewer(placed: Sequence[Cloud], names: Sequence[str], most: int = MOST_POINTS) -> str:
     """The view of many scans that are in one frame already."""
     scans = [
         ViewedScan(name, cloud.points_m, scan_colour(number), cloud.colour)
         for number, (cloud, name) in enumerate(zip(placed, names, strict=True))
     ]
     note = "Every scan that found its place."
-    return viewer(scans, [ViewedPose("placed", note, [np.eye(4)] * len(scans))])
+    return viewer(scans, [ViewedPose("placed", note, [np.eye(4)] * len(scans))], most=most)
 
 
 def _before(source_m: FloatArray, target_m: FloatArray) -> ViewedPose:

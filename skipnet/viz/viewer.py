@@ -68,6 +68,7 @@ def viewer(
     poses: Sequence[ViewedPose],
     start: int = 0,
     brightest_m: float = 0.05,
+    most: int = MOST_POINTS,
 ) -> str:
     """The HTML of a view of scans with one button per pose.
 
@@ -76,8 +77,9 @@ def viewer(
         poses: at least one.
         start: the pose shown first, to which the residuals belong.
         brightest_m: the residual shown in yellow.
+        most: points of all scans together.
     """
-    rows = [_some_rows(scan.points_m, MOST_POINTS // len(scans)) for scan in scans]
+    rows = [_some_rows(scan.points_m, most // len(scans)) for scan in scans]
     thinned_m = [scan.points_m[kept] for scan, kept in zip(scans, rows, strict=True)]
     T_start = poses[start].T_common_scan
     placed_m = np.concatenate(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from dataclasses import replace
 
@@ -108,7 +107,7 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
         ),
         output_dir=str(tmp_path / "run"),
     )
-    summary = run_speed(config, io.StringIO())
+    summary = run_speed(config)
     run = tmp_path / "run"
     assert {(row["method"], row["size"]) for row in summary["rows"]} == {
         ("skipnet", SIZES[0]),
@@ -151,7 +150,7 @@ def test_what_cannot_be_measured_is_refused_and_earlier_measurements_stay(tmp_pa
     config = evaluate_options("benchmark=speed", f"methods=[{methods}]", f"output_dir={tmp_path}")
     config = replace(config, **changed)
     with pytest.raises(ValueError, match=words):
-        run_speed(config, io.StringIO())
+        run_speed(config)
     assert (tmp_path / "measurements.jsonl").read_text() == "{}\n"
     assert [path.name for path in tmp_path.iterdir()] == ["measurements.jsonl"]
 
@@ -162,7 +161,7 @@ def test_hard_pairs_have_a_table_and_what_shares_nothing_is_right_when_refused(t
         speed=SpeedConfig([], ["rings", "rings_negative"], repeats=1),
         output_dir=str(tmp_path / "run"),
     )
-    rows = run_speed(config, io.StringIO())["rows"]
+    rows = run_speed(config)["rows"]
     right = {(row["family"], row["method"]): row["successes"] for row in rows}
     assert right["rings", "skipnet"] == right["rings_negative", "skipnet"] == 1
     assert right["rings_negative", "small_gicp"] == 0, "it has no verdict"

@@ -9,12 +9,11 @@ its own: freed memory stays with a process, and a second method would find it th
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from skipnet.benchmark.running.memory import peak_bytes, task_of
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.checks import require
 from skipnet.geometry import pose_error
+from skipnet.progress import say
 from skipnet.simulation.scanning.hard import check_kinds, hard_pair
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import check_families
@@ -36,7 +36,7 @@ _WARM_UP_POINTS = 5000
 _PROBE_BEAMS = 20_000
 
 
-def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
+def run_speed(config: EvaluateConfig) -> dict[str, Any]:
     """Measure all chosen methods at all sizes and write the report into ``config.output_dir``.
 
     Returns:
@@ -61,9 +61,9 @@ def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str
             measured.append(measurement)
             file.write(json.dumps(asdict(measurement)) + "\n")
             file.flush()
-            print(_line(measurement), file=progress)
+            say(_line(measurement))
     summary = write_speed_report(config, measured, folder)
-    print(f"see {folder / 'report.html'}", file=progress)
+    say(f"see {folder / 'report.html'}")
     return summary
 
 
