@@ -19,6 +19,7 @@ from skipnet.registration.judging.sliding import (
     is_weak,
     moves_freely,
 )
+from skipnet.registration.verdict import MIN_HELD_VOXELS
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 AMBIGUOUS_MARGIN = 0.1
@@ -166,8 +167,8 @@ def _repeats(
 def _slips(judge: Judge, fine: Refinement, T_target_source: FloatArray, row: int) -> bool:
     """Whether one candidate is no pose of its own, but a plane laid on a plane anywhere."""
     share, motions = holds_against(fine.information[row], fine.matched[row], fine.spread_m[row])
-    weak = share[0] < MIN_DETERMINED
-    return weak and moves_freely(motions[0], T_target_source[row], fine.centre_m[row], judge)
+    weak = share[0] * fine.matched[row] < MIN_HELD_VOXELS
+    return bool(weak) and moves_freely(motions[0], T_target_source[row], fine.centre_m[row], judge)
 
 
 def _moved_on(T_target_source: FloatArray, score: Score, first: int, rivals: IntArray) -> BoolArray:

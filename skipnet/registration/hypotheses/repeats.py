@@ -43,7 +43,7 @@ def from_repeats(T_target_source: FloatArray, source: Evidence, target: Evidence
     """
     oriented = min(source.trust, target.trust) > MIN_TRUST
     there_m, there_normals = target.points_m[:VOTERS], target.normals[:VOTERS]
-    axis, found = main_axis(there_normals), []
+    axis, found = main_axis(target.normals), []
     for turn_rad in TURNS_RAD:
         rotation = rotation_from_vector(turn_rad * axis) @ T_target_source[:3, :3]
         turned = rotation.astype(np.float32).T
