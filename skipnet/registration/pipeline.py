@@ -13,6 +13,7 @@ from skipnet.networks.catalog import find_network
 from skipnet.parallel.threads import one_blas_thread
 from skipnet.registration.answer import Answer
 from skipnet.registration.generators import propose
+from skipnet.registration.hypotheses.repeats import from_repeats
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.options import Generator, RegistrationConfig
@@ -230,7 +231,30 @@ def search(
             guesses = None
         with clock("fine alignment"):
             answer = settle(answer, fresh, source, target, judge, config)
-    return answer
+    return _with_repeats(answer, source, target, judge, config, clock)
+
+
+def _with_repeats(
+    answer: Answer,
+    source: Scan,
+    target: Scan,
+    judge: Judge,
+    config: RegistrationConfig,
+    clock: Stopwatch,
+) -> Answer:
+    """The answer after a look at what repeats: generators propose what agrees most, and where a
+    pattern brings both sensors to the same place of it, the true pose may not be among that."""
+    if answer.verdict.status is not Status.REGISTERED:
+        return answer
+    best = answer.T_target_source
+    with clock("hypotheses"):
+        hypotheses = from_repeats(best, judge.source, judge.target)
+    with clock("verification"):
+        fresh = judge.apart(best, judge.shortlist(hypotheses.T_target_source))
+    if len(fresh) == 0:
+        return answer
+    with clock("fine alignment"):
+        return settle(answer, fresh, source, target, judge, config)
 
 
 def _joined(guesses: FloatArray | None, proposed: FloatArray) -> FloatArray:
