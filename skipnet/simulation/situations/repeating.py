@@ -36,9 +36,9 @@ def row(seed: int) -> Situation:
         upright(rng.uniform(-3, 3), (x_m, rng.uniform(-0.15, 0.15), 1.4)) for x_m in (0.0, step_m)
     ]
     reach_m = max(rng.uniform(*REACH_PERIODS) * period_m, 4.0)
-    clouds_m = [see(caster, T, ROW_RINGS, 0.005, rng, reach_m) for T in poses]
+    source_m, target_m = (see(caster, T, ROW_RINGS, 0.005, rng, reach_m) for T in poses)
     T = between(poses[0], poses[1])
-    return Situation(f"row, {name}, {step_m / period_m:.1f} periods", *clouds_m, T)
+    return Situation(f"row, {name}, {step_m / period_m:.1f} periods", source_m, target_m, T)
 
 
 def _carriage(rng: np.random.Generator, period_m: float) -> Solids:
