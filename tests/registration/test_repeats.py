@@ -21,16 +21,16 @@ PERIOD_M = 1.5
 def evidence_of(solids, voxel_size_m=0.1):
     points_m = sample(solids, 60_000, np.random.default_rng(0))
     scans = describe((points_m, points_m), (None, None), voxel_size_m, 0, find_network("shipped"))
-    return scans[0].valued(1.0), scans[0].T_given_own
+    return scans[0].valued_evidence(1.0), scans[0].T_given_own
 
 
 def proposed_m(solids, T_given, turn_rad=0.0):
     """Least distance of a proposed pose from a given motion of the solids, at 1 m from them."""
-    scan, T_given_own = evidence_of(solids)
+    evidence, T_given_own = evidence_of(solids)
     truth = np.linalg.inv(T_given_own) @ T_given @ T_given_own
-    found = from_repeats(np.eye(4), scan.evidence, scan.evidence).T_target_source
+    found = from_repeats(np.eye(4), evidence, evidence).T_target_source
     corners_m = np.vstack([np.eye(3), -np.eye(3)])
-    centre_m = scan.evidence.centre_m
+    centre_m = evidence.centre_m
     off_m = [(T - truth)[:3, :3] @ (corners_m + centre_m).T for T in found]
     off_m = np.array([o + (T - truth)[:3, 3:] for o, T in zip(off_m, found, strict=True)])
     return np.linalg.norm(off_m, axis=1).max(axis=1).min()

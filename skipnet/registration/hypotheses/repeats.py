@@ -15,7 +15,7 @@ from skipnet.compiled import compiled
 from skipnet.geometry import make_transform, rotation_from_vector
 from skipnet.registration.hypotheses.hypotheses import Hypotheses, concatenate
 from skipnet.scans.evidence import Evidence
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 VOTERS = 700
 """Voxels of each scan, those with much worth first."""
@@ -47,7 +47,7 @@ def from_repeats(T_target_source: FloatArray, source: Evidence, target: Evidence
     for turn_rad in TURNS_RAD:
         rotation = rotation_from_vector(turn_rad * axis) @ T_target_source[:3, :3]
         turned = rotation.astype(np.float32).T
-        shifts_m, votes = _vote(
+        shifts_m, votes = _translations(
             (source.points_m[:VOTERS] @ turned, source.normals[:VOTERS] @ turned),
             (there_m, there_normals),
             CELL_VOXELS * target.voxel_size_m,
@@ -69,20 +69,33 @@ def main_axis(normals: FloatArray) -> FloatArray:
     return axes[:, 0] if share[1] - share[0] > share[2] - share[1] else axes[:, 2]
 
 
-@compiled
-def _vote(
+def _translations(
     source: tuple[FloatArray, FloatArray],
     target: tuple[FloatArray, FloatArray],
     cell_m: float,
     oriented: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """(K, 3) mean translations of the cells that more than two pairs of voxels vote for, and (K,)
-    their votes; a voxel is a point and a normal. Cells are hashed: of those that share a bucket the
-    first one alone has votes."""
-    votes = np.zeros(_BUCKETS, dtype=np.int32)
-    cells = np.zeros((_BUCKETS, 3), dtype=np.int32)
-    total_m = np.zeros((_BUCKETS, 3))
-    shift_m, cell = np.zeros(3), np.zeros(3, dtype=np.int32)
+    their votes; a voxel is a point and a normal."""
+    votes, total_m = np.zeros(_BUCKETS, np.int32), np.zeros((_BUCKETS, 3))
+    cells = np.zeros((_BUCKETS, 3), np.int32)
+    _vote(source, target, cell_m, oriented, (votes, cells, total_m))
+    rows = np.flatnonzero(votes > FEW_VOTES)
+    return total_m[rows] / votes[rows, None], votes[rows].astype(np.float64)
+
+
+@compiled
+def _vote(
+    source: tuple[FloatArray, FloatArray],
+    target: tuple[FloatArray, FloatArray],
+    cell_m: float,
+    oriented: bool,
+    ballot: tuple[IntArray, IntArray, FloatArray],
+) -> None:
+    """Count the votes for each hashed cell, which cell it is and the sum of its translations, into
+    zeros; of the cells that share a bucket the first one alone has votes."""
+    votes, cells, total_m = ballot
+    shift_m, cell = np.empty(3), np.empty(3, dtype=np.int32)
     for s in range(len(source[0])):
         for t in range(len(target[0])):
             cosine = 0.0
@@ -90,16 +103,17 @@ def _vote(
                 cosine += source[1][s, i] * target[1][t, i]
             if (cosine if oriented else abs(cosine)) < MIN_COSINE:
                 continue
-            bucket = 0
+            bucket, same = 0, True
             for i in range(3):
                 shift_m[i] = target[0][t, i] - source[0][s, i]
                 cell[i] = np.int32(np.floor(shift_m[i] / cell_m))
                 bucket = bucket * _HASH + cell[i]
             bucket = (bucket ^ (bucket >> 17)) & (_BUCKETS - 1)
-            if votes[bucket] == 0:
-                cells[bucket] = cell
-            if (cells[bucket] == cell).all():
+            for i in range(3):
+                if votes[bucket] == 0:
+                    cells[bucket, i] = cell[i]
+                same = same and cells[bucket, i] == cell[i]
+            if same:
                 votes[bucket] += 1
-                total_m[bucket] += shift_m
-    rows = np.flatnonzero(votes > FEW_VOTES)
-    return total_m[rows] / votes[rows].reshape(-1, 1), votes[rows].astype(np.float64)
+                for i in range(3):
+                    total_m[bucket, i] += shift_m[i]
