@@ -11,7 +11,7 @@ import pytest
 
 from skipnet.benchmark.methods import Estimate
 from skipnet.benchmark.options import SpeedConfig
-from skipnet.benchmark.reporting.speed_report import exponents, summarise
+from skipnet.benchmark.reporting.speed_tables import exponents, summarise
 from skipnet.benchmark.running.speed import measure, middle, peak_bytes, run_speed, simulate_size
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.simulation.scanning.pairs import simulate_pair
