@@ -94,10 +94,13 @@ function showScans(root) {
   let share = 1, turning = 0, last = 0;
   function pace() {
     const now = performance.now();
-    if (turning && now - last < 400) share = Math.min(1, Math.max(0.03, share * (now - last > 36 ? 0.75 : now - last < 22 ? 1.25 : 1)));
+    const took = now - last;
+    if (turning && last) share = Math.min(1, Math.max(0.02, share * (took > 36 ? Math.max(30 / took, 0.25) : took < 22 ? 1.25 : 1)));
     last = now;
+    canvas.dataset.share = share.toFixed(3);
   }
   function turn() {
+    if (!turning) last = 0;
     clearTimeout(turning);
     turning = setTimeout(() => { turning = 0; redraw(); }, 200);
     redraw();
@@ -237,11 +240,16 @@ function showScans(root) {
     if (keys[event.key]) { keys[event.key](); event.preventDefault(); turn(); }
   });
   const listen = (name, act) => root.querySelectorAll(`[name="${name}"]`).forEach((input) => input.addEventListener("input", () => { act(input); redraw(); }));
-  const tell = () => { said.textContent = data.poses[pose].note; measured = []; };
+  const tell = () => {
+    const [now, first] = [data.poses[pose].note, data.poses[data.start].note];
+    const sides = canvas.clientWidth > 600 ? ["Left", "right"] : ["Above", "below"];
+    said.textContent = also.beside ? `${sides[0]}: ${first} ${sides[1]}: ${now}` : now;
+    measured = [];
+  };
   listen("pose", (input) => { pose = Number(input.value); tell(); });
   listen("mode", (input) => { mode = Number(input.value); });
   listen("scan", (input) => { data.scans[Number(input.value)].visible = input.checked; });
-  for (const name in also) listen(name, (input) => { also[name] = input.checked; });
+  for (const name in also) listen(name, (input) => { also[name] = input.checked; if (name === "beside") tell(); });
   listen("dot", (input) => { dot = Number(input.value); });
   listen("cut", (input) => { cut = Number(input.value); });
   window.addEventListener("resize", redraw);
