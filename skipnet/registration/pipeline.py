@@ -79,7 +79,7 @@ def register(
     result = register_scans(scans[0], scans[1], config, clock, prior)
     if result.status is not Status.REGISTERED:
         result = _naming_units(result, points_of(source_m), points_of(target_m), config, seed)
-    return replace(result, given=Given(source, target, seed))
+    return replace(result, given=Given(source, target, seed, (scans[0], scans[1])))
 
 
 def register_scans(

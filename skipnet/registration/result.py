@@ -12,6 +12,7 @@ from skipnet.clouds.cloud import Cloud
 from skipnet.registration.findings import Findings
 from skipnet.registration.prior import PriorCheck
 from skipnet.scans.given import ScanLike, opened
+from skipnet.scans.scan import Scan
 from skipnet.skipmap.tree import SkipTree
 from skipnet.types import FloatArray, Status
 
@@ -40,6 +41,8 @@ class Given:
     source: Cloud | SkipTree
     target: Cloud | SkipTree
     seed: int
+    described: tuple[Scan, Scan] | None = None
+    """Both scans as they were searched."""
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,12 @@ from skipnet.clouds.cloud import Cloud
 from skipnet.geometry import transform_points
 from skipnet.registration.result import Registration
 from skipnet.results.inputs import LARGEST_SCENE_M, Given
+from skipnet.results.skipmaps import matched_features, skipmaps_of
 from skipnet.skipmap.tree import points_of
 from skipnet.types import FloatArray, Status
 from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR, scan_colour
-from skipnet.viz.viewer import MOST_POINTS, ViewedPose, ViewedScan, viewer
+from skipnet.viz.viewed import ViewedPose, ViewedScan
+from skipnet.viz.viewer import MOST_POINTS, viewer
 
 _MOST_MEASURED = 200_000
 _FAR_EXTENTS = 5.0
@@ -72,16 +74,21 @@ def pair_viewer(
     moved_m = transform_points(T, source_m)
     away_m = _distances_m(moved_m, target_m), _distances_m(target_m, moved_m)
     names = (f"source: {source.path.name}", f"target: {target.path.name}")
+    described = skipmaps_of(result)
     tints = (SOURCE_COLOUR, TARGET_COLOUR)
     scans = [
-        ViewedScan(name, points_m, tint, None if scan.is_large else scan.cloud.colour, residuals_m)
-        for name, points_m, tint, scan, residuals_m in zip(
-            names, (source_m, target_m), tints, (source, target), away_m, strict=True
+        ViewedScan(
+            name, points_m, tint, None if scan.is_large else scan.cloud.colour, residuals_m, skipmap
+        )
+        for name, points_m, tint, scan, residuals_m, skipmap in zip(
+            names, (source_m, target_m), tints, (source, target), away_m, described, strict=True
         )
     ]
     poses = [_before(source_m, target_m), *_candidates(result)]
     start = min(1, len(poses) - 1)
-    return viewer(scans, poses, start, result.voxel_size_m / 2, most=most), away_m[0]
+    matches = matched_features(described, result)
+    view = viewer(scans, poses, start, result.voxel_size_m / 2, most, matches)
+    return view, away_m[0]
 
 
 def placed_viewer(placed: Sequence[Cloud], names: Sequence[str], most: int = MOST_POINTS) -> str:
