@@ -66,6 +66,8 @@ def exponents(
 
 
 def times_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
+    """Time of each method at every size."""
+
     def cell(row: dict[str, Any]) -> str:
         """Time and successes of one method at one size."""
         return f"{number(row['time_s'])} ({row['successes']}/{row['pairs']})"
@@ -125,6 +127,8 @@ def kinds_table(
 
 
 def memory_table(family: str, seen: Sequence[Measurement], labels: dict[str, str]) -> Table:
+    """Peak memory of each method at every size."""
+
     def cell(row: dict[str, Any]) -> str:
         """Extra memory of one method at one size, beside the input's."""
         extra = row["extra_bytes"]
