@@ -71,7 +71,8 @@ def owned(folder: Path, by: str) -> Iterator[None]:
                 f"{folder}: holds a run of skipnet {owner}: choose another output_dir for {by}"
             )
         if not owner:
-            mark.write_text(f"{by}\n", encoding="utf-8")
+            with naming(mark):
+                mark.write_text(f"{by}\n", encoding="utf-8")
         _clear(folder)
         yield
     finally:
@@ -124,9 +125,12 @@ def naming(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is not None or error.errno is None:
+        if error.filename is not None:
             raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        # NumPy's own has neither number nor words.
+        number = error.errno or errno.EIO
+        words = error.strerror or f"not written in full, is there room? ({error})"
+        raise OSError(number, words, str(path)) from error
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

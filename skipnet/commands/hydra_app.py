@@ -26,7 +26,6 @@ from skipnet.commands.errors import (
 )
 from skipnet.commands.overrides import check_overrides
 from skipnet.commands.words import as_typed
-from skipnet.storage import owned
 
 CONFIG_DIR = Path(__file__).parents[1] / "configs"
 """The YAML files; each folder in it is a config group."""
@@ -155,6 +154,8 @@ def _run_hydra(
 
 def _owning(name: str, config: object) -> AbstractContextManager[None]:
     """The folder of the run belongs to it, if it has one."""
+    from skipnet.storage import owned
+
     folder = getattr(config, "output_dir", None)
     return nullcontext() if folder is None else owned(Path(folder), name.replace("/", " "))
 
