@@ -42,7 +42,7 @@ def taken(scan: ScanLike, viewpoint: Viewpoint, name: str, option: str) -> tuple
     if isinstance(scan, Cloud):
         known = scan.viewpoint_m is not None and isinstance(viewpoint, str)
         return checked(scan.points_m, name), scan.viewpoint_m if known else viewpoint
-    return checked(_places(scan), name), viewpoint
+    return checked(_places(scan, name), name), viewpoint
 
 
 def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
@@ -62,7 +62,7 @@ def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
         raise ValueError(f"{name}={viewpoint!r}: expected finite coordinates, or None if unknown")
 
 
-def _places(points: Any) -> FloatArray:
+def _places(points: Any, name: str) -> FloatArray:
     """(N, 3) of an array-like, of the tensors and clouds of other libraries."""
     if hasattr(points, "xyz"):  # laspy
         points = points.xyz
@@ -70,6 +70,9 @@ def _places(points: Any) -> FloatArray:
         points = points.points
     elif hasattr(points, "detach"):  # torch
         points = points.detach().cpu()
-    array = np.asarray(points)
+    try:
+        array = np.asarray(points)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"{name}: expected numbers of shape (N, 3): {error}") from error
     wider = array.ndim == 2 and 3 < array.shape[1] < array.shape[0]
     return array[:, :3] if wider else array
