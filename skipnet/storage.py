@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def owned(folder: Path, by: str) -> Iterator[None]:
     Raises:
         ValueError: another run has the folder now, or it belongs to another command.
     """
-    is_new = not folder.exists()
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
     mark = folder / MARK
     handle = _hold(mark)
     try:
@@ -76,9 +76,11 @@ def owned(folder: Path, by: str) -> Iterator[None]:
         _clear(folder)
         yield
     finally:
-        if is_new and [path.name for path in folder.iterdir()] == [MARK]:
+        if made and [path.name for path in folder.iterdir()] == [MARK]:
             mark.unlink()
-            folder.rmdir()
+            with suppress(OSError):  # of a folder above that others use by now
+                for path in made:
+                    path.rmdir()
         os.close(handle)
 
 

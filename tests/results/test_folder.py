@@ -42,7 +42,11 @@ def test_after_an_error_all_is_as_it_was(tmp_path, error):
         (staging / "result.json").write_text("half")
         raise error
     assert (out / "result.json").read_text() == "before" and names(out) == ["result.json"]
-    with pytest.raises(type(error)), owned(tmp_path / "new", "x"), new_results(tmp_path / "new"):
+    with (
+        pytest.raises(type(error)),
+        owned(tmp_path / "a" / "b", "x"),
+        new_results(tmp_path / "a" / "b"),
+    ):
         raise error
     assert names(tmp_path) == ["out"]
     assert not isinstance(error, OSError) or str(out) in str(told.value)
