@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def owned(folder: Path, by: str) -> Iterator[None]:
     Raises:
         ValueError: another run has the folder now, or it belongs to another command.
     """
-    is_new = not folder.exists()
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
     mark = folder / MARK
     handle = _hold(mark)
     try:
@@ -71,13 +71,16 @@ def owned(folder: Path, by: str) -> Iterator[None]:
                 f"{folder}: holds a run of skipnet {owner}: choose another output_dir for {by}"
             )
         if not owner:
-            mark.write_text(f"{by}\n", encoding="utf-8")
+            with naming(mark):
+                mark.write_text(f"{by}\n", encoding="utf-8")
         _clear(folder)
         yield
     finally:
-        if is_new and [path.name for path in folder.iterdir()] == [MARK]:
+        if made and [path.name for path in folder.iterdir()] == [MARK]:
             mark.unlink()
-            folder.rmdir()
+            with suppress(OSError):  # of a folder above that others use by now
+                for path in made:
+                    path.rmdir()
         os.close(handle)
 
 
@@ -124,9 +127,12 @@ def naming(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is not None or error.errno is None:
+        if error.filename is not None:
             raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        # NumPy's own has neither number nor words.
+        number = error.errno or errno.EIO
+        words = error.strerror or f"not written in full, is there room? ({error})"
+        raise OSError(number, words, str(path)) from error
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

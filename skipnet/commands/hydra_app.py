@@ -178,6 +178,7 @@ def _run_hydra(
 
 def _owning(name: str, config: object) -> AbstractContextManager[None]:
     """The folder of the run belongs to it, if it has one."""
+
     folder = getattr(config, "output_dir", None)
     return nullcontext() if folder is None else owned(Path(folder), name.replace("/", " "))
 

@@ -57,7 +57,10 @@ def opened(scan: ScanLike, name: str) -> Cloud | SkipTree:
         return _of_laspy(scan, name)
     if hasattr(scan, "points"):
         return _of_open3d(scan, name)
-    array = np.asarray(scan.detach().cpu() if hasattr(scan, "detach") else scan)
+    try:
+        array = np.asarray(scan.detach().cpu() if hasattr(scan, "detach") else scan)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"{name}: expected numbers of shape (N, 3): {error}") from error
     wider = array.ndim == 2 and 3 < array.shape[1] < array.shape[0]
     columns = {f"column {k + 1}": array[:, k] for k in range(3, array.shape[1])} if wider else {}
     return Cloud(array[:, :3] if wider else array, columns=columns, name=name)

@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -48,6 +49,8 @@ class Job:
     seed: int
     first: int
     last: int
+    make: Callable[[list[bytes], str, int, int], bytes] = mutated
+    """Makes the file of a number."""
 
 
 def run(config: FuzzConfig) -> dict[str, Any]:
@@ -161,7 +164,7 @@ def _serve(pipe: Connection, job: Job, first: int, folder: str) -> None:
     _limit_memory()
     pipe.send("ready")
     for number in range(first, job.last):
-        path.write_bytes(mutated(files, job.extension, job.seed, number))
+        path.write_bytes(job.make(files, job.extension, job.seed, number))
         kind, told = outcome_of(path)
         sys.stderr.flush()
         if os.fstat(terminal).st_size:

@@ -42,19 +42,25 @@ def test_after_an_error_all_is_as_it_was(tmp_path, error):
         (staging / "result.json").write_text("half")
         raise error
     assert (out / "result.json").read_text() == "before" and names(out) == ["result.json"]
-    with pytest.raises(type(error)), owned(tmp_path / "new", "x"), new_results(tmp_path / "new"):
+    with (
+        pytest.raises(type(error)),
+        owned(tmp_path / "a" / "b", "x"),
+        new_results(tmp_path / "a" / "b"),
+    ):
         raise error
     assert names(tmp_path) == ["out"]
     assert not isinstance(error, OSError) or str(out) in str(told.value)
 
 
-def test_what_could_not_be_written_is_named_as_it_would_be_called(tmp_path):
+@pytest.mark.parametrize("error", [(28, "No space left on device"), ("5 requested, 3 written",)])
+def test_what_could_not_be_written_is_named_as_it_would_be_called(tmp_path, error):
     with (
         pytest.raises(OSError) as told,
         new_results(tmp_path) as staging,
         replacing(staging / "aligned.ply"),
     ):
-        raise OSError(28, "No space left on device")
+        raise OSError(*error)
+    assert error[-1] in str(told.value)
     assert told.value.filename == str(tmp_path / "aligned.ply") and names(tmp_path) == []
 
 
