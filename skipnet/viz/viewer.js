@@ -102,7 +102,7 @@ function showScans(root) {
   function turn() {
     if (!turning) last = 0;
     clearTimeout(turning);
-    turning = setTimeout(() => { turning = 0; redraw(); }, 200);
+    turning = setTimeout(() => { turning = 0; redraw(); }, 700);
     redraw();
   }
   function draw() {
