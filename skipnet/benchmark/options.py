@@ -80,6 +80,8 @@ class SpeedConfig:
 
     families: list[str] = field(default_factory=lambda: ["paper_room", "facade"])
     """Simulated families of scenes."""
+    kinds: list[str] = field(default_factory=list)
+    """Kinds of pairs that are hard (``skipnet.simulation.scanning.hard``), each in its one size."""
     points: list[int] = field(
         default_factory=lambda: [50_000, 200_000, 1_300_000, 5_000_000, 10_000_000]
     )
@@ -94,7 +96,8 @@ class SpeedConfig:
     """Measure the peak memory too: each method once more per size, in a process of its own."""
 
     def __post_init__(self) -> None:
-        require(bool(self.families), "speed.families", self.families, "at least one family")
+        asked = self.families + self.kinds
+        require(bool(asked), "speed.families", asked, "at least one family, or speed.kinds")
         sizes = self.points
         ascending = bool(sizes) and min(sizes) > 0 and sorted(sizes) == list(sizes)
         require(ascending, "speed.points", sizes, "whole numbers above 0, ascending")

@@ -11,7 +11,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from string import Template
 from typing import Any, NoReturn, TypeVar
@@ -29,7 +29,7 @@ from skipnet.commands.overrides import check_overrides
 from skipnet.commands.sweeps import Rows, note_run, sweep_table
 from skipnet.commands.words import as_typed
 from skipnet.progress import Terminal, shown
-from skipnet.storage import plain
+from skipnet.storage import owned, plain
 
 CONFIG_DIR = Path(__file__).parents[1] / "configs"
 """The YAML files; each folder in it is a config group."""
@@ -161,8 +161,9 @@ def _run_hydra(
             composed.output_dir = HydraConfig.get().runtime.output_dir
         try:
             config = OmegaConf.to_object(composed)
-            result = task(config)  # type: ignore[arg-type]
-            outcome.append(exit_code(result))
+            with _owning(name, config):
+                result = task(config)  # type: ignore[arg-type]
+                outcome.append(exit_code(result))
             if in_sweep and as_rows is not None:
                 folder = Path(composed.output_dir)
                 note_run(folder, HydraConfig.get().overrides.task, as_rows(result))
@@ -184,6 +185,12 @@ def _run_hydra(
         if isinstance(result, Exception):
             raise result
     return max((code for code in outcome if isinstance(code, int)), default=EXIT_OK)
+
+
+def _owning(name: str, config: object) -> AbstractContextManager[None]:
+    """The folder of the run belongs to it, if it has one."""
+    folder = getattr(config, "output_dir", None)
+    return nullcontext() if folder is None else owned(Path(folder), name.replace("/", " "))
 
 
 def _store(name: str, schema: type) -> None:

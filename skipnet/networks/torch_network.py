@@ -12,6 +12,7 @@ from skipnet.features.grids import GRID_SHAPE, cylinder_grids, turned_over
 from skipnet.networks.deep import DeepNetwork
 from skipnet.networks.devices import find_device
 from skipnet.networks.model import digest_of
+from skipnet.networks.numpy_deep import NO_CLASSES
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -38,10 +39,11 @@ class TorchNetwork:
         self, weights: dict[str, FloatArray], card: dict[str, Any], device: str = "cpu"
     ) -> None:
         self.card, self.weights, self._device = card, weights, find_device(device)
-        network = DeepNetwork(**card["widths"])
+        with torch.device("meta"):  # a card of a stranger takes no memory
+            network = DeepNetwork(**card["widths"])
         tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
         try:
-            network.load_state_dict(tensors, strict=True)
+            network.load_state_dict(tensors, strict=True, assign=True)
         except RuntimeError as error:
             raise ValueError(str(error)) from error
         self._network = network.to(self._device).eval()
@@ -79,7 +81,4 @@ class TorchNetwork:
         Raises:
             ValueError: always.
         """
-        raise ValueError(
-            "the deep network knows no classes: take network=shipped for the generators corners "
-            "and edges, and for a feature_weight other than 1"
-        )
+        raise ValueError(NO_CLASSES)

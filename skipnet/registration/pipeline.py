@@ -1,4 +1,4 @@
-"""Registration on one screen: from two point clouds to a pose, a verdict and what both rest on."""
+"""Registration: from two point clouds to a pose, a verdict and what both rest on."""
 
 from __future__ import annotations
 
@@ -11,14 +11,10 @@ from skipnet.clouds.cleaning import denoise
 from skipnet.geometry import invert, transform_points
 from skipnet.networks.catalog import find_network
 from skipnet.parallel.threads import one_blas_thread
-from skipnet.registration.answer import Answer
-from skipnet.registration.generators import propose
-from skipnet.registration.judging.judge import Judge
-from skipnet.registration.judging.riding import silence_riders
-from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.prior import Prior, as_prior, compare, poses_about
 from skipnet.registration.result import Given, Registration, ScanFacts
-from skipnet.registration.settling import settle
+from skipnet.registration.searching import LAST_RESORTS, search
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.units import likeliest_unit, reason_for, size_of
 from skipnet.scans.describing import describe
@@ -29,8 +25,6 @@ from skipnet.types import FloatArray, Status
 
 HOPELESS_CONFIDENCE = 0.05
 """With less than this in the best pose, other units are worth a try."""
-CLEAR_CONFIDENCE = 0.95
-"""With this much confidence in a registered pose no further generator is asked."""
 
 
 def register(
@@ -165,7 +159,8 @@ def _naming_units(
 ) -> Registration:
     """The same result, its reason naming the units if the scans only agree in different ones.
 
-    Units are tried; where that does not help, what may be a part and its whole is left as it is.
+    Units are tried, by the cheaper generators; where that does not help, what may be a part and its
+    whole is left as it is.
     """
     source_size, target_size = size_of(source_m), size_of(target_m)
     guess = likeliest_unit(source_size, target_size)
@@ -176,7 +171,9 @@ def _naming_units(
     scans = describe(
         clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device)
     )
-    retry = register_scans(scans[0], scans[1], config, Stopwatch())
+    cheap = [one for one in config.generators if one not in LAST_RESORTS]
+    quick = replace(config, generators=cheap or config.generators)
+    retry = register_scans(scans[0], scans[1], quick, Stopwatch())
     registers = retry.status is Status.REGISTERED
     if not (registers or guess.is_surely_apart):
         return result
@@ -192,55 +189,6 @@ def _facts(scan: Scan) -> ScanFacts:
 def _with_strays(reason: str, strays: int) -> str:
     """The reason, and how many points had no say."""
     return f"{reason}; {strays} points far from all others were left out" if strays else reason
-
-
-def search(
-    source: Scan,
-    target: Scan,
-    config: RegistrationConfig,
-    clock: Stopwatch,
-    guesses: FloatArray | None = None,
-) -> Answer:
-    """Propose, verify and refine, one generator after the other until the verdict is clear.
-
-    (C, 4, 4) guesses stand among what the first generator proposes.
-    """
-    with clock("classes"):
-        source, target = (scan.valued(config.feature_weight) for scan in (source, target))
-    answer = Answer.none()
-    if min(len(source.skipmap), len(target.skipmap)) == 0:
-        return answer
-    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
-    judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
-    for generator in config.generators:
-        if is_enough(answer, generator):
-            break
-        with clock("hypotheses"):
-            hypotheses = propose(generator, source, target, config)
-        with clock("verification"):
-            fresh = judge.shortlist(_joined(guesses, hypotheses.T_target_source))
-            guesses = None
-        with clock("fine alignment"):
-            answer = settle(answer, fresh, source, target, judge, config)
-    return answer
-
-
-def _joined(guesses: FloatArray | None, proposed: FloatArray) -> FloatArray:
-    """(C, 4, 4) guesses before what a generator proposes."""
-    return proposed if guesses is None else np.concatenate([guesses, proposed])
-
-
-def is_enough(answer: Answer, coming: Generator) -> bool:
-    """Whether the coming generator need not be asked; FPFH takes longer than all the others.
-
-    Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
-    asked for rivals.
-    """
-    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.is_blind:
-        return False
-    verdict = answer.verdict
-    enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
-    return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 
 
 def clean(cloud_m: Points, config: RegistrationConfig) -> Points:

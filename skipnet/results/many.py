@@ -47,16 +47,16 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
     scans = read_given_scans(paths, choices.unit)
     from skipnet.projects.project import register_many
 
-    result = register_many(
-        [scan.points_m for scan in scans],
-        viewpoints=[scan.viewpoint("auto") for scan in scans],
-        voxel_size_m=choices.voxel_size_m,
-        seed=choices.seed,
-        config=choices.registration,
-        folder=output_dir,
-        progress=tell,
-    )
     with new_results(output_dir) as folder:
+        result = register_many(
+            [scan.points_m for scan in scans],
+            viewpoints=[scan.viewpoint("auto") for scan in scans],
+            voxel_size_m=choices.voxel_size_m,
+            seed=choices.seed,
+            config=choices.registration,
+            folder=output_dir,
+            progress=tell,
+        )
         rows = write_many(scans, result, folder, names, choices)
     announce(str(result), rows, scans, output_dir)
     return result

@@ -21,7 +21,7 @@ from skipnet.benchmark.reporting.pages import run_versions
 from skipnet.checks import check_known
 from skipnet.progress import say
 from skipnet.provenance import machine
-from skipnet.storage import write_text
+from skipnet.storage import read_json, write_text
 from skipnet.studies.measured import BLOCKS, Block
 from skipnet.studies.options import ResultsConfig
 from skipnet.studies.overview import overview
@@ -176,5 +176,4 @@ def _folder(config: ResultsConfig, block: Block) -> Path:
 
 def _read_state(folder: Path) -> dict[str, Any]:
     path = folder / STATE_FILE
-    state: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    return state
+    return read_json(path) if path.exists() else {}

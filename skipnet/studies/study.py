@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +11,7 @@ from skipnet.networks.catalog import find_network
 from skipnet.parallel.pools import mapping
 from skipnet.progress import clear, say, tell
 from skipnet.provenance import __version__
-from skipnet.storage import append_line, plain, read_lines, write_config
+from skipnet.storage import append_line, parsed, plain, read_lines, write_config
 from skipnet.studies.options import StudyConfig
 from skipnet.viz.tables import Table
 
@@ -99,7 +98,12 @@ def _maker() -> str:
 
 
 def _read(path: Path, maker: str) -> dict[str, Outcome]:
-    entries = [json.loads(line) for line in read_lines(path)]
+    entries = [
+        parsed(line, f"{path}, line {number}") for number, line in enumerate(read_lines(path), 1)
+    ]
+    for number, entry in enumerate(entries, start=1):
+        if set(entry) != {"job", "maker", "outcome"} or not isinstance(entry["outcome"], dict):
+            raise ValueError(f"{path}, line {number} is no outcome: choose another output_dir")
     others = {entry["maker"] for entry in entries} - {maker}
     if others:
         raise ValueError(

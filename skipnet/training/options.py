@@ -91,7 +91,7 @@ class TrainConfig:
     """Train in float64; scaled conjugate gradient needs it. Weights are stored in float32."""
     ship: bool = False
     """Put the weights and their card into the package too, as those that skipnet.register uses; of
-    two heads only."""
+    two heads, and of the deep network."""
     compare_alone: bool = False
     """Train a network for the classes alone on the same samples, for the same tables."""
     compare_sklearn: bool = False
@@ -121,7 +121,8 @@ class TrainConfig:
         two_heads = self.network is NetworkKind.two_heads
         alone = "false, or network=two_heads"
         require(two_heads or not self.compare_alone, "compare_alone", self.compare_alone, alone)
-        require(two_heads or not self.ship, "ship", self.ship, "false, or network=two_heads")
+        ships = self.network is not NetworkKind.classes
+        require(ships or not self.ship, "ship", self.ship, "false, or network=two_heads or deep")
         if two_heads:
             self._check_two_heads()
 

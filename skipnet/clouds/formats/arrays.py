@@ -35,11 +35,19 @@ def read_numpy(path: Path) -> Iterator[Cloud]:
         ValueError: it is damaged, or no array in it can be points.
     """
     if zipfile.is_zipfile(path):
-        yield _cloud_of_archive(_read_archive(path), path)
+        yield _cloud_of_archive(read_archive(path), path)
         return
+    yield _cloud_of_array(read_npy(path), path, {})
+
+
+def read_npy(path: Path) -> np.ndarray:
+    """The array of an .npy file, held against the bytes that there are.
+
+    Raises:
+        ValueError: it is damaged, or no such file.
+    """
     with open(path, "rb") as file:
-        array = _read_array(file, path.stat().st_size, str(path))
-    yield _cloud_of_array(array, path, {})
+        return _read_array(file, path.stat().st_size, str(path))
 
 
 def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
@@ -56,6 +64,8 @@ def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
         raise ValueError(f"{what}: truncated or not a NumPy file: {message}") from error
     if dtype.hasobject:
         raise ValueError(f"{what}: holds Python objects, which are never read: expected numbers")
+    if dtype.itemsize == 0:
+        raise ValueError(f"{what}: holds {dtype}, which takes no room: expected numbers")
     bytes_ = math.prod(shape) * dtype.itemsize
     if bytes_ > available or min(shape, default=0) < 0:
         raise ValueError(f"{what}: truncated: announces {shape} {dtype}, which it does not hold")
@@ -68,7 +78,12 @@ def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
     return np.frombuffer(body, dtype).reshape(shape, order="F" if fortran else "C")
 
 
-def _read_archive(path: Path) -> dict[str, np.ndarray]:
+def read_archive(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name, each held against the bytes that there are.
+
+    Raises:
+        ValueError: it is damaged, or no such archive.
+    """
     arrays = {}
     try:
         with zipfile.ZipFile(path) as archive:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +42,8 @@ _MAGIC: dict[bytes, str] = {
 _TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _SCANS = (".e57", ".ptx")
 """Formats that may hold several scans."""
+_LONGEST_LINE = 480
+"""Letters of an error."""
 _FARTHEST_VIEWPOINT = 2.0
 """A sensor that stands farther from its points than so many of their diagonals is not believed."""
 
@@ -98,12 +101,28 @@ def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cl
     if unit != "auto":
         check_known("unit", unit, tuple(METRES_PER_UNIT))
     is_empty = True
-    for cloud in _READERS[_format_of(path)](path):
-        if len(cloud):
-            is_empty = False
-            yield cloud if unit in ("auto", cloud.unit) else _in_unit(cloud, unit)
+    with _clear_errors(path):
+        for cloud in _READERS[_format_of(path)](path):
+            if len(cloud):
+                is_empty = False
+                yield cloud if unit in ("auto", cloud.unit) else _in_unit(cloud, unit)
     if is_empty:
         raise ValueError(f"{path}: holds no points")
+
+
+@contextmanager
+def _clear_errors(path: Path) -> Iterator[None]:
+    """Errors name the file, and what they repeat of it is shown as far as it is text, and short."""
+    try:
+        yield
+    except ValueError as error:
+        message = str(error)
+        if str(path.parent) not in message:  # of a library that did not know it
+            message = f"{path}: damaged: {message}"
+        shown = "".join(letter if letter.isprintable() else "?" for letter in message)
+        if str(error) == shown[:_LONGEST_LINE]:
+            raise
+        raise ValueError(shown[:_LONGEST_LINE]) from error
 
 
 def _format_of(path: Path) -> str:
