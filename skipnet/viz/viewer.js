@@ -255,4 +255,5 @@ function showScans(root) {
   window.addEventListener("resize", redraw);
   tell(); redraw();
 }
-document.querySelectorAll(".viewer").forEach(showScans);
+// A page may have several viewers, each with this script: every one is shown once.
+document.querySelectorAll(".viewer:not([data-shown])").forEach((root) => { root.dataset.shown = "yes"; showScans(root); });
