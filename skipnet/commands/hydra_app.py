@@ -26,6 +26,7 @@ from skipnet.commands.errors import (
     was_interrupted,
 )
 from skipnet.commands.overrides import check_overrides
+from skipnet.commands.sweeps import Rows, note_run, sweep_table
 from skipnet.commands.words import as_typed
 from skipnet.progress import Terminal, shown
 from skipnet.storage import owned, plain
@@ -44,6 +45,7 @@ def run(
     arguments: Sequence[str] | None = None,
     config_dir: Path = CONFIG_DIR,
     as_json: Callable[[Result], Any] = lambda result: result,
+    as_rows: Callable[[Result], Rows] | None = None,
 ) -> int:
     """Run ``task`` on the configuration that the command line describes.
 
@@ -57,6 +59,7 @@ def run(
         arguments: overrides and Hydra flags; default: those of the process.
         config_dir: folder of the YAML files; its folders are config groups.
         as_json: what ``terminal=json`` prints of a result.
+        as_rows: what the table of a sweep says of a result; None makes no table.
 
     Returns:
         The exit code: 2 for bad input, after one line on stderr (an interrupt ends the process at
@@ -70,9 +73,8 @@ def run(
         if flags.help:
             print(_help(name, schema, config_dir, flags.overrides))
             return EXIT_OK
-        return _run_hydra(
-            name, schema, _shown(name, task, as_json), config_dir, exit_code, arguments
-        )
+        shown_task = _shown(name, task, as_json)
+        return _run_hydra(name, schema, shown_task, config_dir, exit_code, arguments, as_rows)
     except (Exception, KeyboardInterrupt) as error:
         if was_interrupted(error):
             print(f"{name}: interrupted; what was written before is whole", file=sys.stderr)
@@ -141,6 +143,7 @@ def _run_hydra(
     config_dir: Path,
     exit_code: Callable[[Result], int],
     arguments: list[str],
+    as_rows: Callable[[Result], Rows] | None,
 ) -> int:
     import hydra
     from hydra.core.hydra_config import HydraConfig
@@ -149,6 +152,7 @@ def _run_hydra(
 
     _store(name, schema)
     outcome: list[int | Exception] = []
+    sweeps: set[Path] = set()
 
     def job(composed: DictConfig) -> None:
         """One run: what Hydra calls, once, or once per combination of a sweep."""
@@ -158,7 +162,12 @@ def _run_hydra(
         try:
             config = OmegaConf.to_object(composed)
             with _owning(name, config):
-                outcome.append(exit_code(task(config)))  # type: ignore[arg-type]
+                result = task(config)  # type: ignore[arg-type]
+                outcome.append(exit_code(result))
+            if in_sweep and as_rows is not None:
+                folder = Path(composed.output_dir)
+                note_run(folder, HydraConfig.get().overrides.task, as_rows(result))
+                sweeps.add(folder.parent)
         except Exception as error:
             # Hydra would print a line of its own about a failed job; in a sweep it must know of it.
             if in_sweep or not is_user_error(error):
@@ -170,6 +179,8 @@ def _run_hydra(
     )
     with _hydra_raises(arguments):
         decorate(job)()
+    for folder in sweeps:
+        print(sweep_table(folder))
     for result in outcome:
         if isinstance(result, Exception):
             raise result

@@ -144,6 +144,14 @@ def as_json(result: Registration | Assembly) -> dict[str, Any]:
     }
 
 
+def rows(result: Registration | Assembly) -> list[dict[str, Any]]:
+    """What the table of a sweep says of a run."""
+    if isinstance(result.status, str):
+        confidence = getattr(result, "confidence", None)
+        return [{"status": str(result.status), "confidence": confidence, "reason": result.reason}]
+    return [{"status": str(result.outcome), "reason": result.reason}]
+
+
 def exit_code(result: Registration | Assembly) -> int:
     """0 when registered, all scans in one frame if there are many; 3 when ambiguous or failed."""
     outcome = result.status if isinstance(result.status, str) else result.outcome
@@ -153,5 +161,5 @@ def exit_code(result: Registration | Assembly) -> int:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command: its exit code."""
     return hydra_app.run(
-        "register", RegisterConfig, register, exit_code, arguments, as_json=as_json
+        "register", RegisterConfig, register, exit_code, arguments, as_json=as_json, as_rows=rows
     )

@@ -16,6 +16,7 @@ from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.result import Registration, ScanFacts
+from skipnet.scans.scan import AutoAt, Viewpoint
 from skipnet.skipmap.tree import Points, points_of
 from skipnet.storage import read_json, write_text
 from skipnet.types import FloatArray, Status
@@ -68,10 +69,11 @@ def _is_whole(outcome: object) -> bool:
     )
 
 
-def digest(points: Points, viewpoint: str | FloatArray | Sequence[float] | None) -> str:
+def digest(points: Points, viewpoint: Viewpoint) -> str:
     """Of what a scan is: its points and its given viewpoint."""
     found = hashlib.sha256(np.ascontiguousarray(points_of(points)).tobytes())
-    found.update(str(viewpoint if isinstance(viewpoint, str) else _listed(viewpoint)).encode())
+    told = viewpoint if isinstance(viewpoint, str | AutoAt) else _listed(viewpoint)
+    found.update(str(told).encode())
     return found.hexdigest()
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.reading import SUPPORTED, read_chunks, read_cloud, read_scans
+from skipnet.scans.given import viewpoint_of
 from skipnet.scans.scan import Viewpoint, checked
 from skipnet.skipmap.streaming import thin_chunks
 from skipnet.skipmap.tree import Points, SkipTree, points_of
@@ -49,8 +50,7 @@ class Given:
 
     def viewpoint(self, chosen: Viewpoint) -> Viewpoint:
         """The sensor's position: the chosen one; for "auto" the file's, if it has one."""
-        known = isinstance(chosen, str) and self.cloud.viewpoint_m is not None
-        return self.cloud.viewpoint_m if known else chosen
+        return viewpoint_of(self.cloud) if isinstance(chosen, str) else chosen
 
     @property
     def description(self) -> str:

@@ -159,7 +159,7 @@ def advice(result: Registration) -> list[str]:
     found = result.findings
     if found is not None and len(found.alternatives):
         tips.append(
-            "Other poses fit nearly as well: look at the alternatives above. A scan taken between "
+            "Other poses fit nearly as well: look at the alternatives below. A scan taken between "
             "the two places, or one that sees what differs, settles it."
         )
     if found is not None and len(found.free_directions) + len(found.free_turns):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.columns import as_colour
 from skipnet.clouds.formats.reading import read_cloud
-from skipnet.scans.scan import Viewpoint, checked
+from skipnet.scans.scan import AutoAt, Viewpoint, checked
 from skipnet.skipmap.tree import Points, SkipTree
 
 ScanLike = npt.ArrayLike | Cloud | SkipTree | str | os.PathLike[str]
@@ -37,9 +37,19 @@ def taken(scan: ScanLike, viewpoint: Viewpoint, name: str, option: str) -> tuple
     scan = opened(scan, name)
     if isinstance(scan, SkipTree):
         return checked(scan, name), viewpoint
-    known = scan.viewpoint_m is not None and isinstance(viewpoint, str)
+    if isinstance(viewpoint, str):
+        viewpoint = viewpoint_of(scan)
     what = f"{name} ({scan.name})" if scan.name and scan.name != name else name
-    return checked(scan.points_m, what), scan.viewpoint_m if known else viewpoint
+    return checked(scan.points_m, what), viewpoint
+
+
+def viewpoint_of(cloud: Cloud) -> Viewpoint:
+    """What "auto" means for a cloud: its own viewpoint; else to find out whether the sensor stood
+    where its coordinates count from, the offset of a LAS file or the origin."""
+    if cloud.viewpoint_m is not None:
+        return cloud.viewpoint_m
+    x, y, z = cloud.offset_m
+    return AutoAt((x, y, z)) if cloud.offset_m.any() else "auto"
 
 
 def opened(scan: ScanLike, name: str) -> Cloud | SkipTree:
@@ -93,7 +103,9 @@ def check_viewpoint(viewpoint: Viewpoint, name: str) -> None:
     Raises:
         ValueError: neither "auto" nor None nor three finite coordinates.
     """
-    if viewpoint is None or (isinstance(viewpoint, str) and viewpoint == "auto"):
+    if viewpoint is None or isinstance(viewpoint, AutoAt):
+        return
+    if isinstance(viewpoint, str) and viewpoint == "auto":
         return
     position_m = np.asarray(viewpoint)
     if position_m.shape != (3,) or position_m.dtype.kind not in "iuf":

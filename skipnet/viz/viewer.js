@@ -102,7 +102,7 @@ function showScans(root) {
   function turn() {
     if (!turning) last = 0;
     clearTimeout(turning);
-    turning = setTimeout(() => { turning = 0; redraw(); }, 200);
+    turning = setTimeout(() => { turning = 0; redraw(); }, 700);
     redraw();
   }
   function draw() {
@@ -255,4 +255,5 @@ function showScans(root) {
   window.addEventListener("resize", redraw);
   tell(); redraw();
 }
-document.querySelectorAll(".viewer").forEach(showScans);
+// A page may have several viewers, each with this script: every one is shown once.
+document.querySelectorAll(".viewer:not([data-shown])").forEach((root) => { root.dataset.shown = "yes"; showScans(root); });

@@ -22,16 +22,6 @@ _DOT_SHARE = 0.004
 """A dot's width as a share of the scans' extent."""
 _CEILING_SHARE, _CEILING_POINTS, _BELOW_CEILING = 0.05, 0.12, 0.9
 _MODES = ("scan", "own colours", "residual", "height", "curvature", "class")
-_STYLE = """<style>
-.viewer canvas { box-sizing: border-box; width: 100%; height: min(62vh, 34rem); display: block;
-                 touch-action: none; border: 1px solid #ddd; cursor: grab; }
-.viewer fieldset { border: 0; margin: .4rem 0; padding: 0; display: flex; flex-wrap: wrap;
-                   gap: .2rem 1rem; }
-.viewer legend { float: left; margin-right: .8rem; color: #555; }
-.viewer .said { min-height: 3em; margin: .4rem 0; overflow-wrap: anywhere; }
-.viewer .swatch { display: inline-block; width: .8em; height: .8em; border-radius: 50%; }
-.viewer small { color: #555; }
-</style>"""
 
 
 def viewer(
@@ -92,7 +82,7 @@ def _page(
     modes = _modes(scans)
     return "\n".join(
         [
-            _STYLE,
+            f"<style>{_text('viewer.css')}</style>",
             '<div class="viewer">',
             _choices("pose", "shown", [pose.label for pose in poses], start) if poses[1:] else "",
             '<canvas tabindex="0" aria-label="scans in 3-D"></canvas>',
@@ -105,10 +95,15 @@ def _page(
             "<small>Drag to turn, wheel or pinch to zoom, shift or two fingers to move, click two "
             f"points to measure.{_scale(brightest_m) if 2 in modes else ''}</small>",
             f'<script type="application/json" class="scans">{_json(content)}</script>',
-            f"<script>{files('skipnet.viz').joinpath('viewer.js').read_text('utf-8')}</script>",
+            f"<script>{_text('viewer.js')}</script>",
             "</div>",
         ]
     )
+
+
+def _text(name: str) -> str:
+    """A file beside this one."""
+    return files("skipnet.viz").joinpath(name).read_text("utf-8")
 
 
 def _scale(brightest_m: float) -> str:
