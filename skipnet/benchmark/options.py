@@ -8,6 +8,7 @@ from typing import Any
 
 from skipnet.checks import require
 from skipnet.networks.names import weights_file
+from skipnet.progress import Terminal
 
 MISSING: Any = "???"
 """OmegaConf's mark of an option that must be given."""
@@ -75,6 +76,8 @@ class SpeedConfig:
 
     families: list[str] = field(default_factory=lambda: ["paper_room", "facade"])
     """Simulated families of scenes."""
+    kinds: list[str] = field(default_factory=list)
+    """Kinds of pairs that are hard (``skipnet.simulation.scanning.hard``), each in its one size."""
     points: list[int] = field(
         default_factory=lambda: [50_000, 200_000, 1_300_000, 5_000_000, 10_000_000]
     )
@@ -89,7 +92,8 @@ class SpeedConfig:
     """Measure the peak memory too: each method once more per size, in a process of its own."""
 
     def __post_init__(self) -> None:
-        require(bool(self.families), "speed.families", self.families, "at least one family")
+        asked = self.families + self.kinds
+        require(bool(asked), "speed.families", asked, "at least one family, or speed.kinds")
         sizes = self.points
         ascending = bool(sizes) and min(sizes) > 0 and sorted(sizes) == list(sizes)
         require(ascending, "speed.points", sizes, "whole numbers above 0, ascending")
@@ -148,6 +152,8 @@ class EvaluateConfig:
     """
     worst: int = 3
     """Pairs of the first method that the report shows before and after, the worst first."""
+    terminal: Terminal = Terminal.table
+    """table: a bar, then what came out; quiet: errors alone; json: one line of JSON."""
     output_dir: str = "runs/evaluate"
     """Folder of this run, relative to where the user stands; give an earlier one to resume it."""
 

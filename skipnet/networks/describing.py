@@ -12,6 +12,8 @@ from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
+Keypoints = tuple[IntArray, FloatArray]
+"""(K,) rows of a Skip-map and their (K, D) descriptors."""
 KEPT_SHARE = 0.6
 """Of the voxels described, the most matchable are matched: the others give far more wrong matches
 than right."""
@@ -23,7 +25,7 @@ def describe_keypoints(
     network: Model,
     both_sides: bool = False,
     max_keypoints: int | None = None,
-) -> tuple[IntArray, FloatArray]:
+) -> Keypoints:
     """The voxels of a scan that are likeliest to be recognised in another, and their descriptors.
 
     Args:
@@ -84,7 +86,7 @@ def correspond(
 
 
 def recognised(
-    source: tuple[IntArray, FloatArray], target: tuple[IntArray, FloatArray], choices: int = 1
+    source: Keypoints, target: Keypoints, choices: int = 1
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Voxels of two scans, from ``describe_keypoints``, that recognise each other.
 

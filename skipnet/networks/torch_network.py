@@ -40,10 +40,11 @@ class TorchNetwork:
         self, weights: dict[str, FloatArray], card: dict[str, Any], device: str = "cpu"
     ) -> None:
         self.card, self.weights, self._device = card, weights, find_device(device)
-        network = DeepNetwork(**card["widths"])
+        with torch.device("meta"):  # a card of a stranger takes no memory
+            network = DeepNetwork(**card["widths"])
         tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
         try:
-            network.load_state_dict(tensors, strict=True)
+            network.load_state_dict(tensors, strict=True, assign=True)
         except RuntimeError as error:
             raise ValueError(str(error)) from error
         self._network = network.to(self._device).eval()

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skipnet.features.fpfh import fpfh
 from skipnet.features.matching import mutual_nearest
 from skipnet.features.primitives import Planes
 from skipnet.networks.catalog import find_network
@@ -71,7 +70,7 @@ def _from_network(
     Where a viewpoint is unknown the signs of the normals say nothing: then the target is described
     with both.
     """
-    both_sides = False, source.viewpoint_m is None or target.viewpoint_m is None
+    both_sides = False, not _agree_in_side(source, target)
     of_source, of_target = side_by_side(
         lambda scan, both: scan.keypoints(network, both), (source, target), both_sides
     )
@@ -79,16 +78,21 @@ def _from_network(
 
 
 def _from_fpfh(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
-    found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
+    found = mutual_nearest(source.histograms, target.histograms)
     return _from_matches(source, target, found, config)
 
 
 def _planes(source: Scan, target: Scan) -> tuple[Planes, Planes]:
     """Planes of both; where a sensor's place is unknown, either side of them may be up."""
     planes_s, planes_t = side_by_side(lambda scan: scan.planes, (source, target))
-    if source.viewpoint_m is None or target.viewpoint_m is None:
+    if not _agree_in_side(source, target):
         planes_s = planes_s.with_both_signs()
     return planes_s, planes_t
+
+
+def _agree_in_side(source: Scan, target: Scan) -> bool:
+    """Whether the normals of both look to their sensors."""
+    return source.viewpoint_m is not None and target.viewpoint_m is not None
 
 
 def _from_matches(

@@ -7,6 +7,7 @@ from enum import Enum
 from typing import Any
 
 from skipnet.checks import require
+from skipnet.progress import Terminal
 from skipnet.training.data.options import DataConfig, PatchKind, Split
 from skipnet.training.deep_options import DeepTrainConfig
 from skipnet.training.descriptor_options import DescriptorTrainConfig
@@ -99,6 +100,8 @@ class TrainConfig:
     """Of the weights' start, the order of the batches, the random split and the peers."""
     device: Device = Device.cpu
     """cpu, cuda or mps; the same seed gives the same bits on the cpu."""
+    terminal: Terminal = Terminal.table
+    """table: a bar, then what came out; quiet: errors alone; json: one line of JSON."""
     output_dir: str = "runs/train"
     """Folder of the run, relative to where the user stands; one that was interrupted goes on where
     it was."""

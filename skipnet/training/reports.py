@@ -51,7 +51,7 @@ def plain(config: TrainConfig) -> dict[str, Any]:
 def for_card(config: TrainConfig) -> dict[str, Any]:
     """As ``plain``, without what the weights do not depend on."""
     deep = config.network is NetworkKind.deep
-    others = {"output_dir", *(("descriptor", "data") if deep else ("deep",))}
+    others = {"output_dir", "terminal", *(("descriptor", "data") if deep else ("deep",))}
     return {name: value for name, value in plain(config).items() if name not in others}
 
 

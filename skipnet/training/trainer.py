@@ -17,6 +17,7 @@ from torch import nn
 
 from skipnet.networks.devices import CPU, THREADS, fixed_threads
 from skipnet.parallel.pools import keep_freed_memory
+from skipnet.progress import tell
 from skipnet.training.checkpoints import load_checkpoint, save_checkpoint
 from skipnet.training.optimizers import OptimizerFactory, ScaledConjugateGradient
 from skipnet.training.schedule import Record, Schedule
@@ -99,7 +100,7 @@ class Trainer(Generic[Network]):
         keep_freed_memory()
         with fixed_threads(self.threads):
             if self.checkpoint is not None and self.checkpoint.exists():
-                self._load(load_checkpoint(self.checkpoint, self._identity, self.device))
+                self._resume(self.checkpoint)
             else:
                 self._begin()
             while self.stop_reason is None:
@@ -125,6 +126,7 @@ class Trainer(Generic[Network]):
             loss = self._step(batch)
             summed, counted, self.step = summed + count * loss, counted + count, self.step + 1
             self.on_step(self.step, loss)
+            tell("step", self.step, self.schedule.steps)
         self.network.eval()
         with torch.no_grad():
             judgement = self.task.judge(self.network)
@@ -180,11 +182,22 @@ class Trainer(Generic[Network]):
             "progress": {name: getattr(self, name) for name in _KEPT},
         }
 
+    def _resume(self, checkpoint: Path) -> None:
+        """Go on from a checkpoint, which has to fit."""
+        state = load_checkpoint(checkpoint, self._identity, self.device)
+        try:
+            self._load(state)
+        except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            message = " ".join(str(error).split())[:160]
+            raise ValueError(
+                f"{checkpoint}: damaged: remove it to start anew ({message})"
+            ) from error
+
     def _load(self, state: dict[str, Any]) -> None:
         """Go on from there."""
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.task.load(state["task"])
         self._history = [Record(*values) for values in state["history"]]
-        for name, value in state["progress"].items():
-            setattr(self, name, value)
+        for name in _KEPT:
+            setattr(self, name, state["progress"][name])

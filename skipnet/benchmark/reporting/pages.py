@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from skipnet.provenance import versions
 from skipnet.storage import write_bytes, write_text
 from skipnet.viz import html
-from skipnet.viz.tables import Table
+from skipnet.viz.tables import Table, markdown_text
 from skipnet.viz.views import png_bytes
 
 if TYPE_CHECKING:
@@ -58,11 +58,16 @@ class Report:
 
     def markdown(self) -> str:
         """report.md; its pictures are the files in figures/."""
-        about = [f"- {name}: {value}" for name, value in self.summary["about"].items()]
-        lines = [f"# {self.title}", "", *about, "", *self.summary["comparison"], ""]
+        about = [
+            f"- {markdown_text(name)}: {markdown_text(value)}"
+            for name, value in self.summary["about"].items()
+        ]
+        sentences = map(markdown_text, self.summary["comparison"])
+        lines = [f"# {markdown_text(self.title)}", "", *about, "", *sentences, ""]
         lines += [table.markdown() for table in self.tables]
         for one in self.figures:
-            lines += [f"![{one.caption}](figures/{one.name}.png)", "", one.caption, ""]
+            caption = markdown_text(one.caption)
+            lines += [f"![{caption}](figures/{one.name}.png)", "", caption, ""]
         return "\n".join([*lines, self._footer(), ""])
 
     def page(self, pictures: dict[str, bytes]) -> str:
