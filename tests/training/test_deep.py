@@ -25,7 +25,8 @@ from skipnet.networks.names import DEEP, DEEP_WEIGHTS
 from skipnet.networks.torch_network import TorchNetwork
 from skipnet.registration.answer import Answer
 from skipnet.registration.options import Generator, RegistrationConfig
-from skipnet.registration.pipeline import is_enough, register
+from skipnet.registration.pipeline import register
+from skipnet.registration.searching import is_enough
 from skipnet.registration.verdict import Verdict
 from skipnet.simulation.scanning.glimpses import EYES, glimpse
 from skipnet.simulation.scanning.pairs import simulate_pair
