@@ -37,8 +37,8 @@ def row(seed: int) -> Situation:
     ]
     reach_m = max(rng.uniform(*REACH_PERIODS) * period_m, 4.0)
     clouds_m = [see(caster, T, ROW_RINGS, 0.005, rng, reach_m) for T in poses]
-    T = between(poses[0], poses[1])
-    return Situation(f"row, {name}, {step_m / period_m:.1f} periods", *clouds_m, T)
+    name = f"row, {name}, {step_m / period_m:.1f} periods"
+    return Situation(name, clouds_m[0], clouds_m[1], between(poses[0], poses[1]))
 
 
 def _carriage(rng: np.random.Generator, period_m: float) -> Solids:
