@@ -65,8 +65,12 @@ def _with_repeats(
     clock: Stopwatch,
 ) -> Answer:
     """The answer after a look at what repeats: generators propose what agrees most, and where a
-    pattern brings both sensors to the same place of it, the true pose may not be among that."""
-    if answer.verdict.status is not Status.REGISTERED:
+    pattern brings both sensors to the same place of it, the true pose may not be among that.
+
+    Blind scans are not asked: nothing would contradict such rivals, and smooth shapes have many.
+    """
+    found, registered = answer.findings, answer.verdict.status is Status.REGISTERED
+    if not registered or found is None or found.is_blind:
         return answer
     best = answer.T_target_source
     with clock("hypotheses"):

@@ -37,8 +37,8 @@ def row(seed: int) -> Situation:
     ]
     reach_m = max(rng.uniform(*REACH_PERIODS) * period_m, 4.0)
     source_m, target_m = (see(caster, T, ROW_RINGS, 0.005, rng, reach_m) for T in poses)
-    T = between(poses[0], poses[1])
-    return Situation(f"row, {name}, {step_m / period_m:.1f} periods", source_m, target_m, T)
+    name = f"row, {name}, {step_m / period_m:.1f} periods"
+    return Situation(name, source_m, target_m, between(poses[0], poses[1]))
 
 
 def _carriage(rng: np.random.Generator, period_m: float) -> Solids:
