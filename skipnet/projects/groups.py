@@ -64,6 +64,8 @@ class Standards:
     believes_one: bool = False
     """Whether one pair is enough to join groups of several scans, if it registered by itself. Else
     several must agree, but a scan may join by a pair that did not register."""
+    most_overlap: float = 1.0
+    """Two scans of which more agrees may be of two rooms furnished alike as well as of one."""
 
 
 @dataclass(frozen=True)
@@ -103,12 +105,21 @@ class Way:
     support: float
     contradiction: float
     witnesses: int
-    """See ``Testimony``, which has these three."""
+    closest: float
+    """See ``Testimony``, which has these four."""
 
     def worth(self, standards: Standards) -> float:
         """Support, devalued by contradiction."""
         share = self.contradiction / standards.limit
         return self.support * float(np.exp(-standards.severity * share))
+
+    def fits(self, standards: Standards) -> bool:
+        """Whether something speaks for it, and next to nothing against it."""
+        return (
+            self.support >= MIN_SUPPORT
+            and self.contradiction <= standards.limit
+            and self.closest <= standards.most_overlap
+        )
 
     def rank(self, standards: Standards) -> tuple[int, float]:
         """Orders joins: more independent proposals first, then what is worth most."""
@@ -237,10 +248,15 @@ def join(first: Group, second: Group, way: Way) -> Group:
     return Group({**first.poses, **moved}, first.support + second.support + way.support)
 
 
+def in_order(first: Group, second: Group) -> Sequence[Group]:
+    """Two groups as the joiner takes them: by their lowest scan numbers."""
+    return sorted((first, second), key=lambda group: group.scans)
+
+
 def rivals(ways: Sequence[Way], standards: Standards) -> list[Way]:
     """The ways that explain the scans about as well as the best one, which comes first."""
     limit = standards.limit
-    fitting = [w for w in ways if w.support >= MIN_SUPPORT and w.contradiction <= limit]
+    fitting = [way for way in ways if way.fits(standards)]
     if not fitting:
         return []
     best = max(fitting, key=lambda way: way.worth(standards))
@@ -266,6 +282,7 @@ def _way(T: FloatArray, voters: list[list[int]], trust: float, said: Testimony, 
         support=float(said.support[row]),
         contradiction=float(said.contradiction[row]),
         witnesses=int(said.witnesses[row]),
+        closest=float(said.closest[row]),
     )
 
 
