@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from skipnet.clouds.formats.reading import read_cloud, read_points
     from skipnet.clouds.formats.writing import write_cloud
     from skipnet.projects.assembly import Assembly
-    from skipnet.projects.project import Project, register_many
+    from skipnet.projects.project import Project
+    from skipnet.projects.register import register_many
     from skipnet.registration.pipeline import register
     from skipnet.registration.result import Registration
 
@@ -43,7 +44,7 @@ _HOME_OF = {
     "Assembly": "skipnet.projects.assembly",
     "Project": "skipnet.projects.project",
     "register": "skipnet.registration.pipeline",
-    "register_many": "skipnet.projects.project",
+    "register_many": "skipnet.projects.register",
     "write_cloud": "skipnet.clouds.formats.writing",
     "Registration": "skipnet.registration.result",
 }

@@ -11,7 +11,8 @@ import numpy as np
 from skipnet.geometry import invert
 from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts, places
-from skipnet.projects.groups import Group, Joiner, Standards, merit, rivals
+from skipnet.projects.groups import Group, Joiner, merit
+from skipnet.projects.ways import Standards, rivals
 from skipnet.types import FloatArray
 
 LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one=True)

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from skipnet.projects.groups import PairKey
+from skipnet.projects.ways import PairKey
 from skipnet.registration.result import Registration
 from skipnet.types import FloatArray, Status
 

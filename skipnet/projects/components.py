@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from skipnet.projects.groups import PairKey
+from skipnet.projects.ways import PairKey
 
 
 def components(nodes: Iterable[int], edges: Iterable[PairKey]) -> list[list[int]]:

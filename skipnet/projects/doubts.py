@@ -9,17 +9,9 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.components import components
-from skipnet.projects.groups import (
-    SAME_VOXELS,
-    Group,
-    Joiner,
-    PairKey,
-    Standards,
-    Way,
-    in_order,
-    rivals,
-)
+from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
 from skipnet.projects.motions import rival_split
+from skipnet.projects.ways import PairKey, Standards, Way, rivals
 from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE, leaders
 from skipnet.types import FloatArray
 

@@ -12,10 +12,11 @@ from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Task, Workers, search_tasks
 from skipnet.projects.deciding import assemble
-from skipnet.projects.groups import Joiner, PairKey
+from skipnet.projects.groups import Joiner
 from skipnet.projects.retrieval import worth_searching
 from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search
 from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
+from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import clean
@@ -214,45 +215,3 @@ class Project:
         some = {key: self._outcomes[key][: depth if key in set(more) else 1] for key in keys}
         joiner = Joiner(all_proposals(some, self._scans, witness), witness)
         return joiner, Arbiter(joiner).decide(range(len(self)))
-
-
-def register_many(
-    scans: Sequence[ScanLike],
-    *,
-    viewpoints: Sequence[Viewpoint] | None = None,
-    voxel_size_m: float | None = None,
-    seed: int = 0,
-    config: RegistrationConfig | None = None,
-    folder: str | os.PathLike[str] | None = None,
-    progress: Progress | None = None,
-    workers: Workers | None = None,
-) -> Assembly:
-    """Bring many scans together, in no order and without a guess, as far as they say for sure.
-
-    Scans that nothing connects stay apart, those that fit in several places are named. To add scans
-    later, use ``skipnet.Project``.
-
-    Args:
-        scans: two or more scans, each in its own frame, metres; as ``skipnet.register`` takes them.
-        viewpoints: of each scan as in ``skipnet.register``; None finds all of them out.
-        voxel_size_m: edge of a voxel; None chooses it from the data.
-        seed: of every random choice.
-        config: everything else; None takes the defaults.
-        folder: where described scans and searched pairs are kept, so that a run that was ended goes
-            on; None: nowhere.
-        progress: told about the work as it goes on.
-        workers: who searches the pairs; None: this process.
-
-    Raises:
-        ValueError: fewer than two scans, one that is no point cloud, or viewpoints that do not fit.
-    """
-    if viewpoints is None:
-        viewpoints = ["auto"] * len(scans)
-    if len(viewpoints) != len(scans):
-        raise ValueError(
-            f"got {len(viewpoints)} viewpoints for {len(scans)} scans: expected one each"
-        )
-    project = Project(folder, voxel_size_m=voxel_size_m, seed=seed, config=config, workers=workers)
-    for scan, viewpoint in zip(scans, viewpoints, strict=True):
-        project.add(scan, viewpoint)
-    return project.solve(progress)

@@ -7,7 +7,8 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.projects.arbiter import STRICT, Decision
-from skipnet.projects.groups import Group, Joiner, PairKey, in_order, rivals
+from skipnet.projects.groups import Group, Joiner, in_order
+from skipnet.projects.ways import PairKey, rivals
 
 PAIRS_PER_JOIN = 2
 """Pairs that are searched between two groups."""

@@ -44,7 +44,7 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
     names = output_names("merged", paths, choices.format)
     check_not_overwritten(paths, output_dir, [*SCANS_OUTPUTS, *names])
     scans = read_given_scans(paths, choices.unit)
-    from skipnet.projects.project import register_many
+    from skipnet.projects.register import register_many
 
     result = register_many(
         [scan.points_m for scan in scans],

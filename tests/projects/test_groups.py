@@ -12,8 +12,9 @@ from skipnet.projects import witness
 from skipnet.projects.arbiter import Arbiter
 from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts
-from skipnet.projects.groups import Group, Joiner, Proposals, Standards, rivals
+from skipnet.projects.groups import Group, Joiner, Proposals
 from skipnet.projects.motions import rival_split
+from skipnet.projects.ways import Standards, rivals
 from skipnet.projects.witness import leaders
 
 STRICT = Standards(limit=0.002, rival_support=0.4)
@@ -119,7 +120,7 @@ def test_scans_that_see_the_same_where_much_looks_alike_are_in_doubt_and_where_t
 
 def test_rivals_are_those_that_agree_as_much_and_contradict_as_little():
     def way(support, contradiction, closest=0.3):
-        from skipnet.projects.groups import Way
+        from skipnet.projects.ways import Way
 
         return Way(np.eye(4), frozenset({(0, 1)}), 0.9, support, contradiction, 1, closest)
 
