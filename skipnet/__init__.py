@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from skipnet.clouds.formats.writing import write_cloud
     from skipnet.networks.catalog import find_network as load_network
     from skipnet.projects.assembly import Assembly
-    from skipnet.projects.project import Project, register_many
+    from skipnet.projects.project import Project
+    from skipnet.projects.register import register_many
     from skipnet.registration.options import RegistrationConfig
     from skipnet.registration.pipeline import register
     from skipnet.registration.prior import Prior
@@ -52,7 +53,7 @@ _HOME_OF = {
     "Assembly": "skipnet.projects.assembly",
     "Project": "skipnet.projects.project",
     "register": "skipnet.registration.pipeline",
-    "register_many": "skipnet.projects.project",
+    "register_many": "skipnet.projects.register",
     "write_cloud": "skipnet.clouds.formats.writing",
     "Registration": "skipnet.registration.result",
     "RegistrationConfig": "skipnet.registration.options",

@@ -10,10 +10,9 @@ from importlib import import_module
 
 import numpy as np
 
-from skipnet.clouds.cloud import Cloud
-from skipnet.projects.groups import PairKey
+from skipnet.projects.ways import PairKey
 from skipnet.registration.result import PAGES, Registration
-from skipnet.skipmap.tree import SkipTree
+from skipnet.scans.given import ScanLike
 from skipnet.types import FloatArray, Status
 
 
@@ -85,8 +84,8 @@ class Assembly:
     be believed in these scans."""
     timings_s: dict[str, float] = field(default_factory=dict)
     """Seconds per stage."""
-    given: Sequence[Cloud | SkipTree] = field(default=(), repr=False, compare=False)
-    """The scans."""
+    given: Sequence[ScanLike] = field(default=(), repr=False, compare=False)
+    """The scans as they were added: paths, or what is in memory."""
 
     def __str__(self) -> str:
         return f"{self.outcome}: {self.reason}"

@@ -69,6 +69,26 @@ def _is_whole(outcome: object) -> bool:
     )
 
 
+class SizeStore:
+    """The project's voxel size, and the scans that it was chosen from, in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = folder / "voxel_size.json"
+
+    def load(self, digests: Sequence[str]) -> float | None:
+        """The size, if it was chosen from some of these scans; else None."""
+        try:
+            kept = json.loads(self._file.read_text(encoding="utf-8"))
+            return float(kept["voxel_size_m"]) if set(kept["scans"]) <= set(digests) else None
+        except (FileNotFoundError, ValueError, KeyError, TypeError):
+            return None
+
+    def save(self, voxel_size_m: float, digests: Sequence[str]) -> None:
+        """Keep it."""
+        content = {"voxel_size_m": voxel_size_m, "scans": sorted(digests)}
+        write_text(self._file, json.dumps(content))
+
+
 def digest(points: Points, viewpoint: Viewpoint) -> str:
     """Of what a scan is: its points and its given viewpoint."""
     found = hashlib.sha256(np.ascontiguousarray(points_of(points)).tobytes())

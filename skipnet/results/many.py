@@ -45,7 +45,7 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
     check_not_overwritten(paths, output_dir, [*SCANS_OUTPUTS, *names])
     tell("reading the scans")
     scans = read_given_scans(paths, choices.unit)
-    from skipnet.projects.project import register_many
+    from skipnet.projects.register import register_many
 
     with new_results(output_dir) as folder:
         result = register_many(

@@ -16,6 +16,7 @@ from skipnet.results.folder import new_results
 from skipnet.results.inputs import Given, given_cloud
 from skipnet.results.many import write_many
 from skipnet.results.views import pair_viewer, placed_viewer
+from skipnet.scans.given import opened
 from skipnet.skipmap.tree import points_of
 from skipnet.viz import html
 
@@ -34,10 +35,16 @@ def save(result: Registration, folder: str | os.PathLike[str], format: str) -> N
 
 def save_many(result: Assembly, folder: str | os.PathLike[str], format: str) -> None:
     """See ``Assembly.save``."""
-    scans = [given_cloud(cloud, f"scan {number}") for number, cloud in enumerate(result.given)]
+    scans = [_scan_of(result, number) for number in range(len(result.given))]
     names = output_names("merged", [scan.path for scan in scans], format)
     with new_results(Path(folder)) as unfinished:
         write_many(scans, result, unfinished, names, Choices())
+
+
+def _scan_of(result: Assembly, number: int) -> Given:
+    """One of many scans, read again where a path was given."""
+    name = f"scan {number}"
+    return given_cloud(opened(result.given[number], name), name)
 
 
 def show(result: Registration | Assembly) -> str:
@@ -67,7 +74,7 @@ def notebook_html_of_many(result: Assembly) -> str:
     banner = html.status_banner(result.outcome, result.reason)
     if not result.given:
         return banner
-    scans = [given_cloud(result.given[scan], f"scan {scan}") for scan in result.groups[0]]
+    scans = [_scan_of(result, number) for number in result.groups[0]]
     placed = [
         Cloud(points_of(scan.points_m)).moved(result.T_group_scan[number])
         for scan, number in zip(scans, result.groups[0], strict=True)

@@ -55,6 +55,12 @@ def describe(
     return side_by_side(one, clouds_m, strays, viewpoints, frames)
 
 
+def common_voxel_size_m(clouds_m: Sequence[Points]) -> float:
+    """The voxel size that ``describe`` chooses for these clouds."""
+    clean_m = [points_of(cloud_m) for cloud_m, _ in side_by_side(_without_strays, clouds_m)]
+    return choose_voxel_size(*clean_m)
+
+
 def _without_strays(cloud_m: Points) -> tuple[Points, int]:
     """The cloud without points far from all others, and how many they are."""
     strays = None if isinstance(cloud_m, SkipTree) else find_strays(cloud_m)
