@@ -14,8 +14,8 @@ demo: $(VENV)/.ready
 	$(PY) register.py
 
 test: lint
-	@echo "Tests: some minutes on two processors."
-	$(PY) -m pytest
+	@echo "Tests, two at a time: some minutes on two processors."
+	$(PY) -m pytest -n 2
 
 lint: $(VENV)/.ready-for-tests
 	@echo "Style, types and the order of imports are checked."
