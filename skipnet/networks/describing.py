@@ -32,13 +32,14 @@ def describe_keypoints(
         skipmap: the scan's Skip-map.
         network: describes and says what is matchable.
         both_sides: describe each voxel with both signs of its normal.
-        max_keypoints: voxels described, the most curved ones; the most matchable are returned. None
-            takes as many as the network asks for.
+        max_keypoints: voxels described, see ``choose_keypoints``; the most matchable are returned.
+            None takes as many as the network asks for.
 
     Returns:
         (K,) rows of the Skip-map, a row twice at most if both sides are described, and (K, D).
     """
-    rows = choose_keypoints(skipmap, max_keypoints or network.max_keypoints)
+    count = max_keypoints or network.max_keypoints
+    rows = choose_keypoints(skipmap, count, network.curved_share)
     patches = network.cut(skipmap, rows)
     if both_sides:
         patches = np.concatenate([patches, network.turned_over(patches)])

@@ -12,6 +12,7 @@ DEEP = "deep"
 """The network of the generator of that name."""
 _WEIGHTS = Path(__file__).parent / "weights"
 SHIPPED_WEIGHTS = _WEIGHTS / "small.npz"
+DEEP_WEIGHTS = _WEIGHTS / f"{DEEP}.npz"
 
 
 def names() -> tuple[str, ...]:

@@ -31,6 +31,9 @@ _TINY = 1e-5
 """Added to variances, as torch does."""
 _JOINED = (SCALES, HEIGHTS // 2, RADII // 2, SECTORS // 2)
 """Scales, heights, radii and sectors once 2 x 2 x 2 cells are joined."""
+MAX_KEYPOINTS = 1500
+CURVED_SHARE = 0.5
+"""Of the keypoints; with the others spread over the scan poses of low overlap are found oftener."""
 NO_CLASSES = (
     "the deep network knows no classes: take network=shipped for the generators corners "
     "and edges, and for a feature_weight other than 1"
@@ -49,7 +52,8 @@ class DeepNumpyNetwork:
     """
 
     architecture: ClassVar[str] = "deep"
-    max_keypoints: ClassVar[int] = 900
+    max_keypoints: ClassVar[int] = MAX_KEYPOINTS
+    curved_share: ClassVar[float] = CURVED_SHARE
 
     def __init__(self, weights: dict[str, FloatArray], card: dict[str, Any]) -> None:
         self.weights, self.card = weights, card

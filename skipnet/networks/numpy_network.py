@@ -56,6 +56,7 @@ class SmallNetwork:
     architecture: ClassVar[str] = "small"
     max_keypoints: ClassVar[int] = 2000
     """More find few further correspondences and cost as much again."""
+    curved_share: ClassVar[float] = 1.0
 
     weights: dict[str, FloatArray]
     """Per layer (inputs, units) weights and (units,) biases, float32; those of the class head may

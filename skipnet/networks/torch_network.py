@@ -12,7 +12,7 @@ from skipnet.features.grids import GRID_SHAPE, cylinder_grids, turned_over
 from skipnet.networks.deep import DeepNetwork
 from skipnet.networks.devices import find_device
 from skipnet.networks.model import digest_of
-from skipnet.networks.numpy_deep import NO_CLASSES
+from skipnet.networks.numpy_deep import CURVED_SHARE, MAX_KEYPOINTS, NO_CLASSES
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -33,7 +33,8 @@ class TorchNetwork:
     """
 
     architecture: ClassVar[str] = "deep"
-    max_keypoints: ClassVar[int] = 900
+    max_keypoints: ClassVar[int] = MAX_KEYPOINTS
+    curved_share: ClassVar[float] = CURVED_SHARE
 
     def __init__(
         self, weights: dict[str, FloatArray], card: dict[str, Any], device: str = "cpu"

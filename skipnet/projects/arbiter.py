@@ -6,9 +6,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+import numpy as np
+
 from skipnet.geometry import invert
+from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts, places
-from skipnet.projects.groups import Group, Joiner, Standards, merit, rivals
+from skipnet.projects.groups import Group, Joiner, merit
+from skipnet.projects.ways import Standards, rivals
 from skipnet.types import FloatArray
 
 LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one=True)
@@ -17,12 +21,20 @@ contradict each other by .011."""
 BUSY = replace(LENIENT, limit=0.03)
 """Where leaves and passers-by contradict more, and all that is registered holds nevertheless.
 Chosen on one facade, whose right pairs contradict by up to .03."""
-STRICT = Standards(limit=0.0018, rival_support=0.4)
+STRICT = Standards(limit=0.001, rival_support=0.6, most_overlap=0.75)
 """Where it does not, because much looks alike: right poses of simulated scans that nothing disturbs
-stay under .0013, wrong ones in alike rooms reach .002 and more (floors of development seeds)."""
+stay under .0008, wrong ones in alike rooms reach .002 and more (floors of development seeds), and
+no two scans share .75 (two of twin rooms .86 and more; where no registered pair is refuted, two
+scans of one place may share all)."""
+NOISE = 5.0
+"""Where even the best registered pairs contradict, as leaves and passers-by make them, this many
+times as much is allowed, up to the lenient limit."""
+BEST_SHARE = 0.1
+"""Of the registered pairs; most of the others may be wrong."""
 RELIABLE = 0.9
 """Share of the registered pairs that must hold for pairs to be believed by themselves: it is 1.00
-in a facade, a kitchen and a turntable, and .08 to .75 in simulated floors of alike rooms."""
+in a facade, a kitchen and a turntable, and .08 to .75 in most simulated floors of alike rooms. And
+they must make a loop for every two scans: a floor of which few pairs hold is no facade."""
 CLEARLY_BETTER = 1.1
 """A place that is worth this many times more than the present one is better."""
 MAX_ROUNDS = 5
@@ -52,12 +64,14 @@ class Arbiter:
     def decide(self, scans: Iterable[int]) -> Decision:
         """Groups from what pairs proposed, and what is in doubt."""
         scans = list(scans)
-        for standards in (LENIENT, BUSY, STRICT):
+        trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
+        strict = self._strict()
+        for standards in [*trusting, replace(strict, most_overlap=1.0), strict]:
             groups = self._repaired(self._grown(scans, standards), standards)
             reliability = self.reliability(groups, standards)
             if reliability >= RELIABLE:
                 break
-        doubts = Doubts(self._joiner, standards, standards is not STRICT)
+        doubts = Doubts(self._joiner, standards, standards.believes_one)
         sure = doubts.sure_parts(groups)
         for _ in range(MAX_ROUNDS):
             groups = self._joiner.grow(self._counted(sure), standards)
@@ -65,6 +79,17 @@ class Arbiter:
                 break
             sure = doubts.sure_parts(groups)
         return self._with_places(sure, doubts.standards, reliability)
+
+    def _loops(self, scans: list[int]) -> int:
+        """How many independent loops the registered pairs make: without, nothing confirms them."""
+        keys = [key for key, pair in self._joiner.proposals.items() if pair.confidence > 0]
+        return len(keys) - len(scans) + len(components(scans, keys))
+
+    def _strict(self) -> Standards:
+        """Strict standards, as far as this set's own registered pairs keep them."""
+        own = [p.violation[0] for p in self._joiner.proposals.values() if p.confidence > 0]
+        noise = NOISE * float(np.quantile(own, BEST_SHARE)) if own else 0.0
+        return replace(STRICT, limit=min(max(STRICT.limit, noise), LENIENT.limit))
 
     def reliability(self, groups: list[Group], standards: Standards) -> float:
         """Share of the registered pairs that hold, of those that can be told; 1 for none."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from skipnet.projects.groups import PairKey
+from skipnet.projects.ways import PairKey
 
 
 def components(nodes: Iterable[int], edges: Iterable[PairKey]) -> list[list[int]]:
@@ -19,18 +19,3 @@ def components(nodes: Iterable[int], edges: Iterable[PairKey]) -> list[list[int]
         root = {node: low if r == high else r for node, r in root.items()}
     parts = [[n for n in root if root[n] == r] for r in sorted(set(root.values()))]
     return sorted((sorted(part) for part in parts), key=lambda part: (-len(part), part))
-
-
-def without_bridges(edges: list[PairKey]) -> list[PairKey]:
-    """The edges that lie on a loop.
-
-    >>> without_bridges([(0, 1), (1, 2), (0, 2), (2, 3)])
-    [(0, 1), (1, 2), (0, 2)]
-    """
-    nodes = {node for edge in edges for node in edge}
-    count = len(components(nodes, edges))
-    return [
-        edge
-        for edge in edges
-        if len(components(nodes, [other for other in edges if other != edge])) == count
-    ]

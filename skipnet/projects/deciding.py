@@ -10,9 +10,10 @@ from skipnet.geometry import invert
 from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly, FinalLink, Place, Word, deviation, numbered
 from skipnet.projects.graph import Balance, Link, closure_m, relative
-from skipnet.projects.groups import Group, Joiner, PairKey
+from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.links import settled
 from skipnet.projects.schedule import Outcome, best
+from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, Status

@@ -8,28 +8,21 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.components import components, without_bridges
-from skipnet.projects.groups import (
-    SAME_VOXELS,
-    Group,
-    Joiner,
-    PairKey,
-    Standards,
-    Way,
-    rivals,
-)
+from skipnet.projects.components import components
+from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
 from skipnet.projects.motions import rival_split
-from skipnet.projects.witness import MIN_OVERLAP, leaders
+from skipnet.projects.ways import PairKey, Standards, Way, rivals
+from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE, leaders
+from skipnet.types import FloatArray
 
-TWIN_OVERLAP = 0.9
-"""Where much looks alike, two scans of which more agrees may be of two rooms furnished alike: then
-nothing tells which of them is where."""
-MANY_SCANS = 6
-"""Where much looks alike, a group of fewer scans is believed only ..."""
+MOST_OF_A_BUILDING = 0.45
+"""Where much looks alike, a group with less than this share of all scans is believed only ..."""
 FIRM_WITNESSES = 3
-"""... of scans that overlap with this many others of it."""
-REMAINING_RIVAL = 0.3
-"""In the end a second place with this share of the support leaves a scan in doubt."""
+"""... of scans that overlap with this many others of it: where the scan that belongs there is
+missing, another may stand in its place."""
+REMAINING_RIVAL = 0.5
+"""In the end a second place with this share of the support leaves a scan in doubt, be it in another
+group."""
 
 
 class Doubts:
@@ -49,16 +42,18 @@ class Doubts:
         self.standards = replace(standards, rival_support=least)
 
     def sure_parts(self, groups: list[Group]) -> list[Group]:
-        """The groups without the scans that would fit elsewhere, cut where one link holds them."""
-        kept, left = [], list(groups)
+        """The groups without the scans that would fit elsewhere, in parts that cannot be moved
+        against each other."""
+        kept, left = [], [self._sure(group, groups) for group in groups]
+        kept += [
+            Group.single(s)
+            for g, rest in zip(groups, left, strict=True)
+            for s in g.poses
+            if s not in rest.poses
+        ]
         while left:
             group = left.pop()
-            sure = [s for s in group.scans if not self._is_torn(group, s)]
-            if not self._is_reliable:
-                sure = [s for s in sure if s not in self._twins(group)]
-            doubtful = set(group.scans) - set(sure)
-            kept += [Group.single(scan) for scan in sorted(doubtful)]
-            for part in self._parts(group, sure):
+            for part in components(group.scans, self._edges(group)):
                 rest = Group({scan: group.poses[scan] for scan in part})
                 split = rival_split(rest, self._joiner, self.standards) if len(part) > 1 else None
                 if split is None:
@@ -66,48 +61,89 @@ class Doubts:
                 else:
                     left += [Group({scan: rest.poses[scan] for scan in side}) for side in split]
         if not self._is_reliable:
-            kept = [part for group in kept for part in self._firm(group)]
+            least = MOST_OF_A_BUILDING * sum(len(group.poses) for group in groups)
+            kept = [part for group in kept for part in self._firm(group, least)]
         kept = [group if len(group.poses) > 1 else Group.single(group.scans[0]) for group in kept]
         return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
 
-    def _firm(self, group: Group) -> list[Group]:
-        """A group of few scans without those of which too few others say anything.
-
-        Few scans see too little of the place to contradict one that stands wrong.
-        """
-        if not 1 < len(group.poses) < MANY_SCANS:
+    def _firm(self, group: Group, least: float) -> list[Group]:
+        """A group of few scans without those of which too few others say anything."""
+        if not 1 < len(group.poses) < least:
             return [group]
-        edges = self._edges(group, group.scans, MIN_OVERLAP)
+        edges = self._edges(group)
         loose = [s for s in group.scans if sum(s in key for key in edges) < FIRM_WITNESSES]
         rest = Group({s: T for s, T in group.poses.items() if s not in loose})
         if not loose:
             return [group]
-        return [Group.single(scan) for scan in loose] + (self._firm(rest) if rest.poses else [])
+        return [Group.single(s) for s in loose] + (self._firm(rest, least) if rest.poses else [])
 
-    def _twins(self, group: Group) -> set[int]:
-        """Scans that see the same as another one: of the same room, or of one furnished alike."""
-        return {scan for key in self._edges(group, group.scans, TWIN_OVERLAP) for scan in key}
+    def _sure(self, group: Group, groups: list[Group]) -> Group:
+        """A group without the scans that would fit elsewhere."""
+        others = [g for g in groups if g is not group and len(g.poses) > 1]
+        sure = [s for s in group.scans if not self._is_torn(group, s, others)]
+        sure = [s for s in sure if not self._has_twin(group, s)]
+        return Group({scan: group.poses[scan] for scan in sure})
 
-    def _is_torn(self, group: Group, scan: int) -> bool:
+    def _is_torn(self, group: Group, scan: int, groups: list[Group]) -> bool:
         if len(group.poses) < 3:
             return False
         here, others = places(group, scan, self._joiner)
+        if not self._is_reliable:
+            others += [way for g in groups for way in self._elsewhere(group, scan, g)]
         return len(rivals([here, *others], self.standards)) > 1
 
-    def _parts(self, group: Group, scans: list[int]) -> list[list[int]]:
-        """The scans that hang together; where pairs are not reliable, by more than one link."""
-        edges = self._edges(group, scans, MIN_OVERLAP)
-        if not self._is_reliable:
-            edges = without_bridges(edges)
-        return components(scans, edges)
+    def _elsewhere(self, group: Group, scan: int, other: Group) -> list[Way]:
+        """Ways of a scan into another group, but for those by which both groups go together."""
+        ways = self._joiner.ways(*in_order(other, Group.single(scan)))
+        is_second = other.scans[0] < scan
+        found = []
+        for way in ways:
+            T_other_scan = way.T if is_second else invert(way.T)
+            T_group_other = group.poses[scan] @ invert(T_other_scan)
+            rest = group.without(scan)
+            said = self._joiner.witness.all_pairs(rest.poses, other.poses, T_group_other[None])
+            if said.contradiction[0] > self.standards.limit:
+                found.append(way)
+        return found
 
-    def _edges(self, group: Group, scans: list[int], least: float) -> list[PairKey]:
-        """Pairs of which so much agrees."""
+    def _has_twin(self, group: Group, scan: int) -> bool:
+        """Whether another scan sees the same and might stand here instead of this one."""
+        limit, most = self.standards.limit, self.standards.most_overlap
+        for key, pair in self._joiner.proposals.items():
+            same = (pair.overlap > most) & (pair.violation - STRAY_SHARE <= limit)
+            if scan in key and same.any():
+                T = pair.T_target_source[np.argmax(same)]
+                T_scan_twin = T if key[0] == scan else invert(T)
+                if self._may_swap(group, scan, sum(key) - scan, T_scan_twin):
+                    return True
+        return False
+
+    def _may_swap(self, group: Group, scan: int, twin: int, T_scan_twin: FloatArray) -> bool:
+        """Whether nothing speaks against a scan and its twin in each other's places."""
+        if twin not in group.poses:
+            return True
+        rest = group.without(scan).without(twin)
+        swapped = {
+            scan: group.poses[twin] @ invert(T_scan_twin),
+            twin: group.poses[scan] @ T_scan_twin,
+        }
+        pair = {s: group.poses[s] for s in (scan, twin)}
+        said = [
+            self._joiner.witness.all_pairs(rest.poses, p, np.eye(4)[None]) for p in (pair, swapped)
+        ]
+        now, then = (one.support[0] for one in said)
+        limit = self.standards.limit
+        return bool(
+            said[1].contradiction[0] <= limit and then >= self.standards.rival_support * now
+        )
+
+    def _edges(self, group: Group) -> list[PairKey]:
+        """Pairs that see enough of the same."""
         return [
             (a, b)
-            for a, b in combinations(scans, 2)
+            for a, b in combinations(group.scans, 2)
             if self._joiner.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0]
-            >= least
+            >= MIN_OVERLAP
         ]
 
 
@@ -128,5 +164,6 @@ def places(group: Group, scan: int, joiner: Joiner) -> tuple[Way, list[Way]]:
         float(said.support[0]),
         float(said.contradiction[0]),
         int(said.witnesses[0]),
+        float(said.closest[0]),
     )
     return here, [way for way, same in zip(ways, is_here, strict=True) if not same]

@@ -13,26 +13,19 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.ways import PairKey, Standards, Way, rivals
 from skipnet.projects.witness import Testimony, Witness, leaders
 from skipnet.types import BoolArray, FloatArray
 
-PairKey = tuple[int, int]
-"""Numbers of (target, source), the smaller one first."""
 SAME_VOXELS = 3.0
 """Two links put a group in about the same place when its centre is less than this apart."""
 MAX_WAYS = 12
 """Ways to join two groups that are looked at: those of which most agrees in the pairs that propose
 them."""
-MIN_SUPPORT = 0.03
-"""A join in which less than this agrees rests on nothing."""
 MIN_UNTRUSTED_SUPPORT = 0.15
 """... and one that a single pair proposes which did not register needs this much ..."""
 MIN_WITNESSES = 2
 """... and this many pairs of which some agrees."""
-RIVAL_CONTRADICTION = 0.5
-"""A way that contradicts by this share of the limit more than the best one is no rival."""
-MANY_VOTES = 3
-"""More pairs than this that propose a way say nothing more."""
 _OWN_VIOLATION = 0.01
 """Of a proposal in its own pair, which leaves 37 % of its weight."""
 
@@ -49,21 +42,6 @@ class Proposals:
     """(H,) share that contradicts seen free space."""
     confidence: float
     """Of the first, if it is registered; else 0."""
-
-
-@dataclass(frozen=True)
-class Standards:
-    """How much a set of scans must agree."""
-
-    limit: float
-    """Largest contradiction of a join, as a share of what can be compared."""
-    rival_support: float
-    """Another way to join two groups with this share of the best one's support is a rival."""
-    severity: float = 3.0
-    """How fast contradiction devalues support: at the limit to exp(-severity)."""
-    believes_one: bool = False
-    """Whether one pair is enough to join groups of several scans, if it registered by itself. Else
-    several must agree, but a scan may join by a pair that did not register."""
 
 
 @dataclass(frozen=True)
@@ -88,31 +66,6 @@ class Group:
     def single(scan: int) -> Group:
         """A scan alone, in its own frame."""
         return Group({scan: np.eye(4)})
-
-
-@dataclass(frozen=True)
-class Way:
-    """One way to join two groups, and what it rests on."""
-
-    T: FloatArray
-    """(4, 4) from the second group's frame to the first's."""
-    voters: frozenset[PairKey]
-    """Pairs of scans that proposed it, each on its own."""
-    trust: float
-    """Largest confidence of a voter for whom it is the answer."""
-    support: float
-    contradiction: float
-    witnesses: int
-    """See ``Testimony``, which has these three."""
-
-    def worth(self, standards: Standards) -> float:
-        """Support, devalued by contradiction."""
-        share = self.contradiction / standards.limit
-        return self.support * float(np.exp(-standards.severity * share))
-
-    def rank(self, standards: Standards) -> tuple[int, float]:
-        """Orders joins: more independent proposals first, then what is worth most."""
-        return min(len(self.voters), MANY_VOTES), self.worth(standards)
 
 
 class Joiner:
@@ -237,20 +190,9 @@ def join(first: Group, second: Group, way: Way) -> Group:
     return Group({**first.poses, **moved}, first.support + second.support + way.support)
 
 
-def rivals(ways: Sequence[Way], standards: Standards) -> list[Way]:
-    """The ways that explain the scans about as well as the best one, which comes first."""
-    limit = standards.limit
-    fitting = [w for w in ways if w.support >= MIN_SUPPORT and w.contradiction <= limit]
-    if not fitting:
-        return []
-    best = max(fitting, key=lambda way: way.worth(standards))
-    return [best] + [
-        way
-        for way in fitting
-        if way is not best
-        and way.support >= standards.rival_support * best.support
-        and way.contradiction <= best.contradiction + RIVAL_CONTRADICTION * limit
-    ]
+def in_order(first: Group, second: Group) -> Sequence[Group]:
+    """Two groups as the joiner takes them: by their lowest scan numbers."""
+    return sorted((first, second), key=lambda group: group.scans)
 
 
 def merit(groups: Iterable[Group]) -> float:
@@ -266,6 +208,7 @@ def _way(T: FloatArray, voters: list[list[int]], trust: float, said: Testimony, 
         support=float(said.support[row]),
         contradiction=float(said.contradiction[row]),
         witnesses=int(said.witnesses[row]),
+        closest=float(said.closest[row]),
     )
 
 

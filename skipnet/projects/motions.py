@@ -14,15 +14,8 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.groups import (
-    MIN_SUPPORT,
-    RIVAL_CONTRADICTION,
-    SAME_VOXELS,
-    Group,
-    Joiner,
-    PairKey,
-    Standards,
-)
+from skipnet.projects.groups import SAME_VOXELS, Group, Joiner
+from skipnet.projects.ways import MIN_SUPPORT, RIVAL_CONTRADICTION, PairKey, Standards
 from skipnet.projects.witness import STRAY_SHARE, leaders
 from skipnet.types import FloatArray
 

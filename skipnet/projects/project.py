@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 from skipnet.networks.catalog import find_network
 from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly
+from skipnet.projects.blocks import Task, Workers, search_tasks
 from skipnet.projects.deciding import assemble
-from skipnet.projects.groups import Joiner, PairKey
+from skipnet.projects.groups import Joiner
 from skipnet.projects.retrieval import worth_searching
 from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search
-from skipnet.projects.store import PairStore, digest, pair_key
+from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
+from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import clean
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.scans.describing import describe
-from skipnet.scans.given import ScanLike, taken
+from skipnet.scans.describing import common_voxel_size_m, describe
+from skipnet.scans.given import ScanLike, opened, taken
 from skipnet.scans.scan import Scan, Viewpoint
+from skipnet.scans.store import ScanStore, scan_key
 from skipnet.skipmap.tree import Points, check_voxel_size
 
 Progress = Callable[[str, int, int], None]
@@ -48,29 +52,40 @@ class Project:
         voxel_size_m: float | None = None,
         seed: int = 0,
         config: RegistrationConfig | None = None,
+        workers: Workers | None = None,
     ) -> None:
         """Begin a project.
 
         Args:
-            folder: where searched pairs are kept as they come, so that a run that was ended goes on
-                where it was; None keeps them in memory only.
+            folder: where described scans and searched pairs are kept as they come, so that a run
+                that was ended goes on where it was; None keeps them in memory only.
             voxel_size_m: edge of a voxel; None chooses it from the scans when they are first
-                solved, and keeps it.
+                solved, and keeps it, in the folder too.
             seed: of every random choice.
             config: everything else; None takes the defaults.
+            workers: who searches the pairs; None: this process.
 
         Raises:
-            ValueError: the voxel size is no length.
+            ValueError: the voxel size is no length, or other processes have no folder to share.
         """
+        self._workers = workers or Workers()
+        if folder is None and not self._workers.is_here:
+            raise ValueError(f"{self._workers} without a folder: expected one that they share")
         if voxel_size_m is not None:
             check_voxel_size(voxel_size_m)
         self.voxel_size_m = voxel_size_m
         self._seed = seed
         self._config = config or RegistrationConfig()
+        self._folder = None if folder is None else Path(folder)
         self._store = PairStore(None if folder is None else Path(folder) / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []
+        """Scans that have not been described; what has been is let go."""
+        self._originals: list[ScanLike] = []
+        """What was added; a path stays a path."""
         self._digests: list[str] = []
         self._scans: list[Scan] = []
+        self._scan_names: list[str] = []
+        """Of their files, where there is a folder."""
         self._outcomes: dict[PairKey, list[Outcome]] = {}
 
     def __len__(self) -> int:
@@ -88,8 +103,10 @@ class Project:
             ValueError: it is no point cloud.
         """
         number = len(self)
-        cloud_m, viewpoint = taken(scan, viewpoint, f"scans[{number}]", f"viewpoints[{number}]")
+        cloud = opened(scan, f"scans[{number}]")
+        cloud_m, viewpoint = taken(cloud, viewpoint, f"scans[{number}]", f"viewpoints[{number}]")
         self._given.append((cloud_m, viewpoint))
+        self._originals.append(scan if isinstance(scan, str | os.PathLike) else cloud)
         self._digests.append(digest(cloud_m, viewpoint))
         return number
 
@@ -124,18 +141,37 @@ class Project:
                 joiner, decision = self._decide(keys, 2, witness, chosen)
         with clock("pose graph"):
             used = {key: self._outcomes[key] for key in keys}
-            return assemble(decision, joiner, used, self._scans, clock.seconds)
+            result = assemble(decision, joiner, used, self._scans, clock.seconds)
+        return replace(result, given=tuple(self._originals))
 
     def _describe(self) -> None:
         """Describe the scans that are new, with the project's voxel size."""
-        fresh = self._given[len(self._scans) :]
-        if not fresh:
+        if not self._given:
             return
-        clouds_m = [clean(cloud_m, self._config) for cloud_m, _ in fresh]
-        viewpoints = [viewpoint for _, viewpoint in fresh]
+        clouds_m = [clean(cloud_m, self._config) for cloud_m, _ in self._given]
+        viewpoints = [viewpoint for _, viewpoint in self._given]
         network = find_network(self._config.network, self._config.device)
-        self._scans += describe(clouds_m, viewpoints, self.voxel_size_m, self._seed, network)
-        self.voxel_size_m = self._scans[0].skipmap.voxel_size_m
+        if self._folder is None:
+            self._scans += describe(clouds_m, viewpoints, self.voxel_size_m, self._seed, network)
+            self.voxel_size_m = self._scans[0].skipmap.voxel_size_m
+        else:
+            size_m = self._fix_voxel_size(clouds_m, SizeStore(self._folder))
+            some = clouds_m, viewpoints, size_m, self._seed, network
+            self._scan_names += [
+                scan_key(cloud_m, viewpoint, *some[2:])
+                for cloud_m, viewpoint in zip(clouds_m, viewpoints, strict=True)
+            ]
+            self._scans += ScanStore(self._folder / "scans").describe(*some)
+        self._given.clear()
+
+    def _fix_voxel_size(self, clouds_m: Sequence[Points], store: SizeStore) -> float:
+        """The project's voxel size: given, kept, or chosen now and kept."""
+        if self.voxel_size_m is None:
+            self.voxel_size_m = store.load(self._digests)
+        if self.voxel_size_m is None:
+            self.voxel_size_m = common_voxel_size_m(clouds_m)
+            store.save(self.voxel_size_m, self._digests)
+        return self.voxel_size_m
 
     def _search(
         self,
@@ -146,21 +182,33 @@ class Project:
         tell: Progress,
     ) -> None:
         """Search the pairs of which less than ``position`` + 1 outcomes are known."""
-        assert self.voxel_size_m is not None
+        names = {
+            key: self._pair_name(key, config)
+            for key in keys
+            if len(self._outcomes.setdefault(key, [])) <= position
+        }
+        if self._folder is not None and not self._workers.is_here:
+            tell(stage, 0, len(keys))
+            scan = self._scan_names
+            tasks = [Task(scan[key[0]], scan[key[1]], name) for key, name in names.items()]
+            search_tasks(tasks, self._folder, config, self._workers)
         for done, key in enumerate(keys):
             tell(stage, done, len(keys))
-            known = self._outcomes.setdefault(key, [])
-            if len(known) > position:
+            if key not in names:
                 continue
-            digests = self._digests[key[0]], self._digests[key[1]]
-            name = pair_key(digests, self.voxel_size_m, self._seed, config)
-            outcome = self._store.load(name)
+            outcome = self._store.load(names[key])
             if outcome is None:
                 target, source = key
                 outcome = search(self._scans[source], self._scans[target], config)
-                self._store.save(name, outcome)
-            known.append(outcome)
+                self._store.save(names[key], outcome)
+            self._outcomes[key].append(outcome)
         tell(stage, len(keys), len(keys))
+
+    def _pair_name(self, key: PairKey, config: RegistrationConfig) -> str:
+        """Of the file of a search."""
+        assert self.voxel_size_m is not None
+        digests = self._digests[key[0]], self._digests[key[1]]
+        return pair_key(digests, self.voxel_size_m, self._seed, config)
 
     def _decide(
         self, keys: Sequence[PairKey], depth: int, witness: Witness, more: Sequence[PairKey] = ()
@@ -173,42 +221,3 @@ class Project:
         some = {key: self._outcomes[key][: depth if key in set(more) else 1] for key in keys}
         joiner = Joiner(all_proposals(some, self._scans, witness), witness)
         return joiner, Arbiter(joiner).decide(range(len(self)))
-
-
-def register_many(
-    scans: Sequence[ScanLike],
-    *,
-    viewpoints: Sequence[Viewpoint] | None = None,
-    voxel_size_m: float | None = None,
-    seed: int = 0,
-    config: RegistrationConfig | None = None,
-    folder: str | os.PathLike[str] | None = None,
-    progress: Progress | None = None,
-) -> Assembly:
-    """Bring many scans together, in no order and without a guess, as far as they say for sure.
-
-    Scans that nothing connects stay apart, those that fit in several places are named. To add scans
-    later, use ``skipnet.Project``.
-
-    Args:
-        scans: two or more scans, each in its own frame, metres; as ``skipnet.register`` takes them.
-        viewpoints: of each scan as in ``skipnet.register``; None finds all of them out.
-        voxel_size_m: edge of a voxel; None chooses it from the data.
-        seed: of every random choice.
-        config: everything else; None takes the defaults.
-        folder: where searched pairs are kept, so that a run that was ended goes on; None: nowhere.
-        progress: told about the work as it goes on.
-
-    Raises:
-        ValueError: fewer than two scans, one that is no point cloud, or viewpoints that do not fit.
-    """
-    if viewpoints is None:
-        viewpoints = ["auto"] * len(scans)
-    if len(viewpoints) != len(scans):
-        raise ValueError(
-            f"got {len(viewpoints)} viewpoints for {len(scans)} scans: expected one each"
-        )
-    project = Project(folder, voxel_size_m=voxel_size_m, seed=seed, config=config)
-    for scan, viewpoint in zip(scans, viewpoints, strict=True):
-        project.add(scan, viewpoint)
-    return project.solve(progress)

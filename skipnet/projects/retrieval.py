@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
 from skipnet.projects.arbiter import STRICT, Decision
-from skipnet.projects.groups import Group, Joiner, PairKey, rivals
+from skipnet.projects.groups import Group, Joiner, in_order
+from skipnet.projects.ways import PairKey, rivals
 
 PAIRS_PER_JOIN = 2
 """Pairs that are searched between two groups."""
@@ -31,11 +31,6 @@ def worth_searching(decision: Decision, joiner: Joiner) -> list[PairKey]:
         chosen += ranked[:PAIRS_PER_JOIN]
     count = SEARCHES_PER_SCAN * sum(len(group.poses) for group in decision.groups)
     return sorted(key for _, key in sorted(chosen)[:count])
-
-
-def in_order(first: Group, second: Group) -> Sequence[Group]:
-    """Two groups as the joiner takes them: by their lowest scan numbers."""
-    return sorted((first, second), key=lambda group: group.scans)
 
 
 def _across(first: Group, second: Group) -> list[PairKey]:

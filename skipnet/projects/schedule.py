@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.groups import PairKey, Proposals
+from skipnet.projects.groups import Proposals
+from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness, leaders
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.pipeline import register_with_finalists

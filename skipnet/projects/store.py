@@ -16,6 +16,7 @@ from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.result import Registration, ScanFacts
+from skipnet.scans.scan import AutoAt, Viewpoint
 from skipnet.skipmap.tree import Points, points_of
 from skipnet.storage import read_json, write_text
 from skipnet.types import FloatArray, Status
@@ -68,10 +69,31 @@ def _is_whole(outcome: object) -> bool:
     )
 
 
-def digest(points: Points, viewpoint: str | FloatArray | Sequence[float] | None) -> str:
+class SizeStore:
+    """The project's voxel size, and the scans that it was chosen from, in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = folder / "voxel_size.json"
+
+    def load(self, digests: Sequence[str]) -> float | None:
+        """The size, if it was chosen from some of these scans; else None."""
+        try:
+            kept = json.loads(self._file.read_text(encoding="utf-8"))
+            return float(kept["voxel_size_m"]) if set(kept["scans"]) <= set(digests) else None
+        except (FileNotFoundError, ValueError, KeyError, TypeError):
+            return None
+
+    def save(self, voxel_size_m: float, digests: Sequence[str]) -> None:
+        """Keep it."""
+        content = {"voxel_size_m": voxel_size_m, "scans": sorted(digests)}
+        write_text(self._file, json.dumps(content))
+
+
+def digest(points: Points, viewpoint: Viewpoint) -> str:
     """Of what a scan is: its points and its given viewpoint."""
     found = hashlib.sha256(np.ascontiguousarray(points_of(points)).tobytes())
-    found.update(str(viewpoint if isinstance(viewpoint, str) else _listed(viewpoint)).encode())
+    told = viewpoint if isinstance(viewpoint, str | AutoAt) else _listed(viewpoint)
+    found.update(str(told).encode())
     return found.hexdigest()
 
 

@@ -21,7 +21,7 @@ from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, IntArray
 
-DEEP_CHOICES = 3
+DEEP_CHOICES = 2
 """A voxel may correspond to so many others for which the deep network takes it."""
 
 Propose = Callable[[Scan, Scan, RegistrationConfig], Hypotheses]

@@ -32,7 +32,16 @@ MIN_TRUST = 0.5
 """Normals are turned to a sensor's place that is trusted so far; a half-trusted plane's side is as
 likely wrong as right."""
 
-Viewpoint = str | FloatArray | list[float] | None
+
+@dataclass(frozen=True)
+class AutoAt:
+    """To be found out whether the sensor stood here, as "auto" does of the frame's origin."""
+
+    place_m: tuple[float, float, float]
+    """In the scan's frame: such as the offset of a LAS file, where its own frame began."""
+
+
+Viewpoint = str | FloatArray | list[float] | AutoAt | None
 """Sensor position (3,) in the scan's frame, None when unknown, or "auto" to find out."""
 
 

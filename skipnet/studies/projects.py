@@ -15,7 +15,7 @@ import numpy as np
 
 from skipnet.geometry import invert, pose_error
 from skipnet.projects.assembly import Assembly
-from skipnet.projects.project import register_many
+from skipnet.projects.register import register_many
 from skipnet.simulation.scanning.floors import ScannedFloor, simulate_floor
 from skipnet.simulation.seeds import PROJECTS
 from skipnet.studies.options import ProjectsConfig

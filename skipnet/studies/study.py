@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,6 +9,7 @@ from typing import Any, TypeVar
 from skipnet.benchmark.reporting.pages import Report, ReportFigure, run_versions
 from skipnet.networks.catalog import find_network
 from skipnet.parallel.pools import mapping
+from skipnet.progress import clear, say, tell
 from skipnet.provenance import __version__
 from skipnet.storage import append_line, parsed, plain, read_lines, write_config
 from skipnet.studies.options import StudyConfig
@@ -42,13 +42,14 @@ def do_all(
     known = _read(path, maker)
     todo = [name for name in jobs if name not in known]
     if len(todo) < len(jobs):
-        print(f"{len(jobs) - len(todo)} of {len(jobs)} were done before", file=sys.stderr)
+        say(f"{len(jobs) - len(todo)} of {len(jobs)} were done before")
     with mapping(workers) as each:
         outcomes = each(work, [jobs[name] for name in todo])
         for number, (name, outcome) in enumerate(zip(todo, outcomes, strict=True), start=1):
             known[name] = plain(outcome)
             append_line(path, {"job": name, "maker": maker, "outcome": known[name]})
-            print(f"[{number}/{len(todo)}] {name}", file=sys.stderr)
+            say(f"[{number}/{len(todo)}] {name}")
+            tell("jobs", number, len(todo))
     return [known[name] for name in jobs]
 
 
@@ -85,6 +86,7 @@ def report(
     folder.mkdir(parents=True, exist_ok=True)
     write_config(config, folder / "config.yaml")
     Report(title, summary, tables, figures).write(folder)
+    clear()
     print("\n".join(table.markdown() for table in tables if not table.folded))
     print("\n".join([*sentences, f"see {folder / 'report.html'}"]))
     return summary

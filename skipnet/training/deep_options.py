@@ -38,7 +38,7 @@ class DeepTrainConfig:
     """Units that sum up a sector, and the whole."""
     output_units: int = 48
     """Numbers of a descriptor."""
-    blocks: int = 2
+    blocks: int = 1
     """Local layers, one after the other."""
     mixed_precision: bool = True
     """Compute in bfloat16 where that will do: twice as fast, also on a processor that has it."""

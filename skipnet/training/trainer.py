@@ -17,6 +17,7 @@ from torch import nn
 
 from skipnet.networks.devices import CPU, THREADS, fixed_threads
 from skipnet.parallel.pools import keep_freed_memory
+from skipnet.progress import tell
 from skipnet.training.checkpoints import load_checkpoint, save_checkpoint
 from skipnet.training.optimizers import OptimizerFactory, ScaledConjugateGradient
 from skipnet.training.schedule import Record, Schedule
@@ -125,6 +126,7 @@ class Trainer(Generic[Network]):
             loss = self._step(batch)
             summed, counted, self.step = summed + count * loss, counted + count, self.step + 1
             self.on_step(self.step, loss)
+            tell("step", self.step, self.schedule.steps)
         self.network.eval()
         with torch.no_grad():
             judgement = self.task.judge(self.network)

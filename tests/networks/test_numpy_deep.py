@@ -72,7 +72,7 @@ def test_a_scan_is_described_once_per_network_and_keeps_it() -> None:
     np.testing.assert_array_equal(rows, expected[0])
     np.testing.assert_array_equal(described, expected[1])
     assert scan.keypoints(network, False)[1] is described
-    assert scan.valued(1.0).keypoints(network, False)[1] is described
+    assert scan.keypoints(network, False)[1] is described
     assert len(scan.keypoints(network, True)[0]) == pytest.approx(2 * len(rows), abs=1)
     assert len(scan.keypoints(scan.network, False)[0]) > len(rows)
     again = pickle.loads(pickle.dumps(scan))

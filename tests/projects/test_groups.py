@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skipnet.geometry import invert, make_transform, pose_error, random_rotation
 from skipnet.projects import witness
 from skipnet.projects.arbiter import Arbiter
-from skipnet.projects.components import components, without_bridges
-from skipnet.projects.groups import Group, Joiner, Proposals, Standards, rivals
+from skipnet.projects.components import components
+from skipnet.projects.doubts import Doubts
+from skipnet.projects.groups import Group, Joiner, Proposals
 from skipnet.projects.motions import rival_split
+from skipnet.projects.ways import Standards, rivals
 from skipnet.projects.witness import leaders
 
 STRICT = Standards(limit=0.002, rival_support=0.4)
@@ -57,7 +61,11 @@ class Plan:
         )
         overlap, excess = said[:, 0], said[:, 1]
         return witness.Testimony(
-            overlap.sum(0), excess.sum(0), excess.max(0), (overlap > 0.03).sum(0)
+            overlap.sum(0),
+            excess.sum(0),
+            excess.max(0),
+            (overlap > 0.03).sum(0),
+            overlap.max(0),
         )
 
     def true(self, target, source):
@@ -95,7 +103,7 @@ def test_a_confident_wrong_pair_that_others_contradict_joins_nothing():
     assert [group.scans for group in found.groups] == [list(range(6)), list(range(6, 12))]
 
 
-def test_a_scan_that_fits_in_two_places_is_in_neither_and_both_are_told():
+def test_scans_that_see_the_same_where_much_looks_alike_are_in_doubt_and_where_they_fit_is_told():
     plan = Plan(8, alike=[(0, 7)])
     proposals = plan.proposals(near(7))
     # Scan 7 has scan 0's place, and one beyond scan 6, where it is in truth.
@@ -106,19 +114,22 @@ def test_a_scan_that_fits_in_two_places_is_in_neither_and_both_are_told():
         proposals[key] = plan.proposal(key, [astray], 0.9)
     found = Arbiter(Joiner(proposals, plan)).decide(range(8))
     assert found.reliability < 0.9
-    assert [group.scans for group in found.groups] == [[0, 1, 2, 3, 4, 5, 6], [7]]
-    assert len(found.places[7]) == 2
+    assert [group.scans for group in found.groups] == [[1, 2, 3, 4, 5, 6], [0], [7]]
+    assert found.places[0] and found.places[7]
 
 
 def test_rivals_are_those_that_agree_as_much_and_contradict_as_little():
-    def way(support, contradiction):
-        from skipnet.projects.groups import Way
+    def way(support, contradiction, closest=0.3):
+        from skipnet.projects.ways import Way
 
-        return Way(np.eye(4), frozenset({(0, 1)}), 0.9, support, contradiction, 1)
+        return Way(np.eye(4), frozenset({(0, 1)}), 0.9, support, contradiction, 1, closest)
 
     best, close, weak, contradicted = way(0.5, 0.0), way(0.3, 0.0), way(0.1, 0.0), way(0.9, 0.01)
     assert rivals([weak, close, contradicted, best], STRICT) == [best, close]
     assert rivals([contradicted], STRICT) == []
+    same = way(0.95, 0.0, closest=0.95)  # on top of each other: of one room, or of one alike
+    assert rivals([same, best], replace(STRICT, most_overlap=0.8)) == [best]
+    assert rivals([same, best], STRICT) == [same, best]
 
 
 def test_a_half_that_may_be_turned_is_found_by_the_motion_that_pairs_ask_for():
@@ -157,17 +168,59 @@ def test_leaders_are_the_first_of_those_about_the_same():
     assert leaders(T, np.ones(3), 0.1).tolist() == [0, 0, 2, 0]
 
 
-def test_bridges_are_the_edges_that_scipy_finds_to_separate():
+def test_a_small_part_of_a_building_is_believed_only_of_scans_that_many_others_confirm():
+    plan = Plan(16)
+    poses = {scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(16)}
+    joiner = Joiner(plan.proposals(near(16)), plan)
+
+    def sizes(*parts):
+        groups = [Group({scan: poses[scan] for scan in part}) for part in parts]
+        found = Doubts(joiner, STRICT, is_reliable=False).sure_parts(groups)
+        return [len(group.poses) for group in found if len(group.poses) > 1]
+
+    # Of six in a row the ends see two others only, and without them so do the next.
+    assert sizes(range(10), range(10, 16)) == [10]
+    assert sizes(range(8), range(8, 16)) == [8, 8]
+
+
+def test_a_scan_that_fits_in_another_group_as_well_is_in_neither():
+    plan = Plan(12, alike=[(2, 8)])
+    poses = {scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(12)}
+    groups = [Group({s: poses[s] for s in part}) for part in (range(6), (6, 7, 9, 10, 11))]
+    proposals = plan.proposals(near(12))
+    sure = Doubts(Joiner(proposals, plan), STRICT, is_reliable=False).sure_parts(groups)
+    assert sure[0].scans == [0, 1, 2, 3, 4, 5]
+    proposals[2, 7] = plan.proposal((2, 7), [plan.true(8, 7)])
+    sure = Doubts(Joiner(proposals, plan), STRICT, is_reliable=False).sure_parts(groups)
+    assert [2] in [group.scans for group in sure]
+
+
+def test_twins_that_fit_in_each_others_places_are_both_left_out():
+    plan = Plan(12, alike=[(2, 8)])
+    poses = {scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(12)}
+    proposals = plan.proposals(near(12))
+    standards = replace(STRICT, most_overlap=0.7)
+    doubts = Doubts(Joiner(proposals, plan), standards, is_reliable=False)
+    assert doubts.sure_parts([Group(poses)])[0].scans == list(range(12))
+    proposals[2, 8] = plan.proposal((2, 8), [np.eye(4)])
+    doubts = Doubts(Joiner(proposals, plan), standards, is_reliable=False)
+    assert doubts.sure_parts([Group(poses)])[0].scans == [s for s in range(12) if s not in (2, 8)]
+
+
+def test_few_pairs_that_all_hold_are_no_proof_that_pairs_can_be_believed():
+    plan = Plan(12)
+    few = {**plan.proposals(near(12), confidence=0.0), **plan.proposals([(0, 1), (4, 5), (7, 8)])}
+    found = Arbiter(Joiner(few, plan))
+    assert found._loops(list(range(12))) == 0
+    assert Arbiter(Joiner(plan.proposals(near(12)), plan))._loops(list(range(12))) == 21 - 12 + 1
+
+
+def test_components_are_those_that_scipy_finds():
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
     rng = np.random.default_rng(1)
-    edges = [(i, j) for i in range(9) for j in range(i + 1, 9) if rng.random() < 0.25]
-
-    def count(some):
-        rows, columns = np.array(some).T
-        return connected_components(coo_matrix((np.ones(len(some)), (rows, columns)), (9, 9)))[0]
-
-    expected = [e for e in edges if count([o for o in edges if o != e]) == count(edges)]
-    assert without_bridges(edges) == expected
-    assert len(components(range(9), edges)) == count(edges)
+    edges = [(i, j) for i in range(12) for j in range(i + 1, 12) if rng.random() < 0.12]
+    rows, columns = np.array(edges).T
+    count = connected_components(coo_matrix((np.ones(len(edges)), (rows, columns)), (12, 12)))[0]
+    assert len(components(range(12), edges)) == count > 1

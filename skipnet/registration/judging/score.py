@@ -27,7 +27,10 @@ class Strictness:
     free_share: float
     """A point in front of what was seen there by this share of the range ..."""
     free_voxels: float
-    """... and by this many voxels is in free space."""
+    """... and by this many voxels is in free space ..."""
+    min_facing_cosine: float = 0.0
+    """... if its surface is turned to the other sensor so far: along a wall seen at a grazing angle
+    neighbouring directions differ much in range."""
 
 
 ROUGH = Strictness(1.0, 0.8, 1.5, 0.03, 1.5)

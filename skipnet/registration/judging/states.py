@@ -7,6 +7,7 @@ import numpy as np
 from skipnet.compiled import compiled
 from skipnet.registration.judging.score import Strictness
 from skipnet.scans.evidence import Evidence
+from skipnet.scans.range_image import RangeImage
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 MAX_ACROSS_COSINE = 0.7
@@ -43,7 +44,24 @@ def states(
     if b.range_image is not None:
         free_m = strictness.free_voxels * b.voxel_size_m
         free = b.range_image.in_front(T_b_a, a.points_m, match < 0.5, strictness.free_share, free_m)
+        if strictness.min_facing_cosine > 0:
+            free = _without_grazing(free, T_b_a, a, b.range_image, strictness.min_facing_cosine)
     return match, beside, free
+
+
+def _without_grazing(
+    free: BoolArray, T_b_a: FloatArray, a: Evidence, image: RangeImage, min_facing_cosine: float
+) -> BoolArray:
+    """(C, S) which of a's voxels that lie in free space are turned to the sensor that saw it."""
+    from_origin_m = image.viewpoint_m - T_b_a[:, :3, 3]
+    sensor_m = np.einsum("cji,cj->ci", T_b_a[:, :3, :3], from_origin_m)
+    pose, voxel = np.nonzero(free)
+    rays_m = a.points_m[voxel] - sensor_m[pose]
+    facing_m = np.abs(np.einsum("vi,vi->v", rays_m, a.normals[voxel]))
+    turned = facing_m >= min_facing_cosine * np.linalg.norm(rays_m, axis=1)
+    result = np.zeros_like(free)
+    result[pose[turned], voxel[turned]] = True
+    return result
 
 
 @compiled

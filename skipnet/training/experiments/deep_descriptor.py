@@ -15,6 +15,7 @@ from skipnet.networks.catalog import find_network, load_network, save_network
 from skipnet.networks.deep import DeepNetwork
 from skipnet.networks.devices import find_device
 from skipnet.networks.model import Model
+from skipnet.networks.names import DEEP_WEIGHTS
 from skipnet.networks.torch_network import TorchNetwork
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING, DEEP_VALIDATION
 from skipnet.storage import write_config, write_text
@@ -111,7 +112,8 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     scores = reports.judge_on_unseen(deep, test)
     scores["small network"] = reports.judge_on_unseen(find_network(), test)["learned"]
     card["scores"] = {name: groups["all"] for name, groups in scores.items()}
-    save_network(outcome.network.arrays(), card, path)
+    for target in [path, DEEP_WEIGHTS] if config.ship else [path]:
+        save_network(outcome.network.arrays(), card, target)
     seconds = {"training": trained_s - start_s, "judging": time.perf_counter() - trained_s}
     summary = {
         "experiment": config.experiment_name,
