@@ -1,10 +1,10 @@
 """skipnet: markerless registration of 3D scans.
 
 >>> import skipnet
->>> " ".join(sorted(skipnet.__all__)[:5])
-'Assembly Cloud Project Registration __version__'
->>> " ".join(sorted(skipnet.__all__)[5:])
-'read_cloud read_points register register_many write_cloud'
+>>> " ".join(sorted(skipnet.__all__)[:8])
+'Assembly Cloud Prior Project Registration RegistrationConfig SkipMap __version__'
+>>> " ".join(sorted(skipnet.__all__)[8:])
+'build_skipmap load_network read_cloud read_points register register_many write_cloud'
 """
 
 from __future__ import annotations
@@ -18,18 +18,27 @@ if TYPE_CHECKING:
     from skipnet.clouds.cloud import Cloud
     from skipnet.clouds.formats.reading import read_cloud, read_points
     from skipnet.clouds.formats.writing import write_cloud
+    from skipnet.networks.catalog import find_network as load_network
     from skipnet.projects.assembly import Assembly
     from skipnet.projects.project import Project
     from skipnet.projects.register import register_many
+    from skipnet.registration.options import RegistrationConfig
     from skipnet.registration.pipeline import register
+    from skipnet.registration.prior import Prior
     from skipnet.registration.result import Registration
+    from skipnet.skipmap.skipmap import SkipMap, build_skipmap
 
 __all__ = [
     "Assembly",
     "Cloud",
+    "Prior",
     "Project",
     "Registration",
+    "RegistrationConfig",
+    "SkipMap",
     "__version__",
+    "build_skipmap",
+    "load_network",
     "read_cloud",
     "read_points",
     "register",
@@ -47,6 +56,11 @@ _HOME_OF = {
     "register_many": "skipnet.projects.register",
     "write_cloud": "skipnet.clouds.formats.writing",
     "Registration": "skipnet.registration.result",
+    "RegistrationConfig": "skipnet.registration.options",
+    "Prior": "skipnet.registration.prior",
+    "SkipMap": "skipnet.skipmap.skipmap",
+    "build_skipmap": "skipnet.skipmap.skipmap",
+    "load_network": "skipnet.networks.catalog:find_network",
 }
 
 
@@ -54,4 +68,12 @@ def __getattr__(name: str) -> object:
     """Import the public names when they are first used: ``import skipnet`` itself stays instant."""
     if name not in _HOME_OF:
         raise AttributeError(f"module 'skipnet' has no attribute {name!r}")
-    return getattr(import_module(_HOME_OF[name]), name)
+    module, _, own_name = _HOME_OF[name].partition(":")
+    found = getattr(import_module(module), own_name or name)
+    globals()[name] = found  # so that it is looked up once, and help() lists it
+    return found
+
+
+def __dir__() -> list[str]:
+    """The public names, for help and completion."""
+    return sorted({*__all__, *globals()})

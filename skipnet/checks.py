@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
+import sys
 from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
@@ -28,16 +30,36 @@ def require(condition: bool, option: str, value: object, expected: str) -> None:
 
 
 def find_object(option: str, path: str) -> Any:
-    """What a dotted path leads to, a function or a class of any package that can be imported.
+    """What a dotted path leads to, a function or a class of any package that can be imported; or
+    FILE.py:NAME, of a file anywhere.
 
     >>> find_object("make", "math.hypot")(3, 4)
     5.0
     """
     module, _, name = path.rpartition(".")
+    if ".py:" in path:
+        return _of_file(option, path)
     try:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"{option}={path}: expected package.module.name ({error})") from error
+
+
+def _of_file(option: str, path: str) -> Any:
+    """What a file of Python calls by a name."""
+    file, _, name = path.rpartition(":")
+    if not Path(file).is_file():
+        raise FileNotFoundError(f"{file}: no such file, for {option}={path}")
+    specification = importlib.util.spec_from_file_location(Path(file).stem, file)
+    if specification is None or specification.loader is None:
+        raise ValueError(f"{option}={path}: expected FILE.py:NAME")
+    module = importlib.util.module_from_spec(specification)
+    # Known by its name, so that what it makes can be sent to other processes.
+    sys.modules.setdefault(specification.name, module)
+    specification.loader.exec_module(module)
+    if not hasattr(module, name):
+        raise ValueError(f"{option}={path}: {file} has no {name}")
+    return getattr(module, name)
 
 
 def check_known(option: str, given: str, known: tuple[str, ...]) -> None:

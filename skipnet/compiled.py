@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import stat
+import sys
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from multiprocessing import parent_process
+from pathlib import Path
 from typing import TypeVar
 
-from numba import njit
+from numba import config, njit
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
@@ -14,8 +22,9 @@ def compiled(function: _Function) -> _Function:
     """Compile a function on its first call, once per machine, and let other threads run meanwhile.
 
     Arguments are arrays and numbers; each combination of their types is compiled apart. The machine
-    code is kept beside the source, or in the user's cache where that folder cannot be written, and
-    compiled anew by every process where neither can.
+    code is kept beside the source, or in the user's cache where that folder cannot be written, or
+    where neither can in a folder for temporary files, which is said; ``NUMBA_CACHE_DIR`` names
+    another.
 
     What is kept is known to be stale when the function's own file has changed, not when another
     has: a compiled function uses nothing that its module imports from skipnet, which
@@ -32,12 +41,47 @@ def inlined(function: _Function) -> _Function:
 
 
 def _compile(function: _Function, forceinline: bool = False) -> _Function:
-    def compile_(cache: bool) -> _Function:
+    def compile_(kept: bool) -> _Function:
         """With a cache or without."""
         options = {"forceinline": forceinline, "nogil": True, "error_model": "numpy"}
-        return njit(cache=cache, **options)(function)  # type: ignore[call-overload]
+        return njit(cache=kept, **options)(function)  # type: ignore[call-overload]
 
+    with suppress(RuntimeError):  # numba finds no folder for its cache
+        return compile_(kept=True)
+    if (folder := _temporary_cache()) is None:
+        return compile_(kept=False)
+    options = vars(config)  # read by numba whenever a function is marked
+    saved, options["CACHE_DIR"] = options["CACHE_DIR"], folder
     try:
-        return compile_(cache=True)
-    except RuntimeError:  # numba finds no folder for its cache
-        return compile_(cache=False)
+        with suppress(RuntimeError):
+            return compile_(kept=True)
+    finally:
+        options["CACHE_DIR"] = saved
+    return compile_(kept=False)
+
+
+@cache
+def _temporary_cache() -> str | None:
+    """A folder for temporary files of this user's alone, since what is in it will be run.
+
+    Says which it is, or that there is none: then every process compiles for some twenty seconds.
+    """
+    name = f"skipnet-{os.getuid()}" if hasattr(os, "getuid") else "skipnet"
+    folder = Path(tempfile.gettempdir()) / name
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        is_own = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o077
+        if not is_own or (hasattr(os, "getuid") and found.st_uid != os.getuid()):
+            raise PermissionError(f"{folder} is open to others")
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        print(f"skipnet: compiled anew by every process: {error}", file=sys.stderr)
+        return None
+    if parent_process() is None:  # else it has been said
+        print(
+            f"skipnet: compiled code is kept in {folder}, as neither the package's folder nor the "
+            "user's cache can be written (NUMBA_CACHE_DIR names another)",
+            file=sys.stderr,
+        )
+    return str(folder)

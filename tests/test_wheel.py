@@ -21,7 +21,7 @@ from skipnet.simulation.scanning.pairs import simulate_pair
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "skipnet"
-DATA = ["py.typed", "registration/confidence.json", "viz/viewer.js"]
+DATA = ["py.typed", "registration/confidence.json", "viz/viewer.js", "viz/viewer.css"]
 DATA += [f"networks/weights/{path.name}" for path in PACKAGE.glob("networks/weights/*.*")]
 DATA += [f"configs/{path.relative_to(ROOT / 'configs')}" for path in ROOT.glob("configs/**/*.yaml")]
 TRAINING = ["experiment=classes", "data.families=[closed]", "data.workers=1", "epochs=1"]

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
-from skipnet.checks import require
+from skipnet.checks import check_known, require
 from skipnet.networks.names import weights_file
+from skipnet.progress import Terminal
 
+METHODS_GROUP = "skipnet.methods"
+"""Of entry points that other packages declare."""
 MISSING: Any = "???"
 """OmegaConf's mark of an option that must be given."""
 
@@ -75,6 +80,8 @@ class SpeedConfig:
 
     families: list[str] = field(default_factory=lambda: ["paper_room", "facade"])
     """Simulated families of scenes."""
+    kinds: list[str] = field(default_factory=list)
+    """Kinds of pairs that are hard (``skipnet.simulation.scanning.hard``), each in its one size."""
     points: list[int] = field(
         default_factory=lambda: [50_000, 200_000, 1_300_000, 5_000_000, 10_000_000]
     )
@@ -89,7 +96,8 @@ class SpeedConfig:
     """Measure the peak memory too: each method once more per size, in a process of its own."""
 
     def __post_init__(self) -> None:
-        require(bool(self.families), "speed.families", self.families, "at least one family")
+        asked = self.families + self.kinds
+        require(bool(asked), "speed.families", asked, "at least one family, or speed.kinds")
         sizes = self.points
         ascending = bool(sizes) and min(sizes) > 0 and sorted(sizes) == list(sizes)
         require(ascending, "speed.points", sizes, "whole numbers above 0, ascending")
@@ -134,6 +142,9 @@ class EvaluateConfig:
     """Each pair once with each of them; empty leaves the pairs alone."""
     methods: dict[str, MethodConfig] = field(default_factory=dict)
     """What is compared, in this order; methods=[NAME,NAME] takes configs/methods/NAME.yaml."""
+    outside: list[str] = field(default_factory=list)
+    """Methods from outside the package, compared too: names of entry points in the group
+    skipnet.methods, or FILE.py:FUNCTION."""
     weights: str | None = None
     """A network, by name or file of train.py: adds matching on it, and on the shipped one, to the
     methods."""
@@ -148,6 +159,8 @@ class EvaluateConfig:
     """
     worst: int = 3
     """Pairs of the first method that the report shows before and after, the worst first."""
+    terminal: Terminal = Terminal.table
+    """table: a bar, then what came out; quiet: errors alone; json: one line of JSON."""
     output_dir: str = "runs/evaluate"
     """Folder of this run, relative to where the user stands; give an earlier one to resume it."""
 
@@ -166,9 +179,21 @@ class EvaluateConfig:
         require(most is None or most >= 1, "most_per_set", most, "1 or more, or null")
         names = [disturbance.name for disturbance in self.disturbances]
         require(len(set(names)) == len(names), "disturbances", names, "different names")
+        for name in self.outside:
+            self._add_outside(name)
         if self.weights is not None:
             self._add_weights(self.weights)
         self._check_methods()
+
+    def _add_outside(self, given: str) -> None:
+        """A method by the name of an entry point or by its file; it builds with its defaults."""
+        if ".py:" in given:
+            make, name = given, Path(given.rpartition(":")[0]).stem
+        else:
+            found = {point.name: point.value for point in entry_points(group=METHODS_GROUP)}
+            check_known("outside", given, tuple(found) or ("FILE.py:FUNCTION",))
+            make, name = found[given].replace(":", "."), given
+        self.methods.setdefault(name, MethodConfig(make))
 
     def _add_weights(self, weights: str) -> None:
         weights_file(weights, "weights")

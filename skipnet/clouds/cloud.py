@@ -46,6 +46,10 @@ class Cloud:
     def __len__(self) -> int:
         return len(self.points_m)
 
+    def __str__(self) -> str:
+        held = f" with {', '.join(self.holds)}" if self.holds else ""
+        return f"{self.name or 'a cloud'}: {len(self):,} points{held}"
+
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> Cloud:
         """The same cloud with some of its points."""
         return replace(

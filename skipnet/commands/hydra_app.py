@@ -7,13 +7,14 @@ one with a page.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from string import Template
-from typing import NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from skipnet.commands.errors import (
     EXIT_BAD_INPUT,
@@ -25,7 +26,10 @@ from skipnet.commands.errors import (
     was_interrupted,
 )
 from skipnet.commands.overrides import check_overrides
+from skipnet.commands.sweeps import Rows, note_run, sweep_table
 from skipnet.commands.words import as_typed
+from skipnet.progress import Terminal, shown
+from skipnet.storage import owned, plain
 
 CONFIG_DIR = Path(__file__).parents[1] / "configs"
 """The YAML files; each folder in it is a config group."""
@@ -40,6 +44,8 @@ def run(
     exit_code: Callable[[Result], int] = lambda result: EXIT_OK,
     arguments: Sequence[str] | None = None,
     config_dir: Path = CONFIG_DIR,
+    as_json: Callable[[Result], Any] = lambda result: result,
+    as_rows: Callable[[Result], Rows] | None = None,
 ) -> int:
     """Run ``task`` on the configuration that the command line describes.
 
@@ -52,6 +58,8 @@ def run(
         exit_code: what the task's result means for the shell.
         arguments: overrides and Hydra flags; default: those of the process.
         config_dir: folder of the YAML files; its folders are config groups.
+        as_json: what ``terminal=json`` prints of a result.
+        as_rows: what the table of a sweep says of a result; None makes no table.
 
     Returns:
         The exit code: 2 for bad input, after one line on stderr (an interrupt ends the process at
@@ -65,7 +73,8 @@ def run(
         if flags.help:
             print(_help(name, schema, config_dir, flags.overrides))
             return EXIT_OK
-        return _run_hydra(name, schema, task, config_dir, exit_code, arguments)
+        shown_task = _shown(name, task, as_json)
+        return _run_hydra(name, schema, shown_task, config_dir, exit_code, arguments, as_rows)
     except (Exception, KeyboardInterrupt) as error:
         if was_interrupted(error):
             print(f"{name}: interrupted; what was written before is whole", file=sys.stderr)
@@ -74,6 +83,23 @@ def run(
             raise
         print(f"{name.replace('/', ' ')}: {one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT
+
+
+def _shown(
+    name: str, task: Callable[[Config], Result], as_json: Callable[[Result], Any]
+) -> Callable[[Config], Result]:
+    """The task with a bar while it runs, or in silence, as the option ``terminal`` says."""
+
+    def run_shown(config: Config) -> Result:
+        """What the option says."""
+        terminal = getattr(config, "terminal", Terminal.table)
+        with shown(name.split("/")[-1], terminal):
+            result = task(config)
+        if terminal is Terminal.json:
+            print(json.dumps(plain(as_json(result)), allow_nan=False))
+        return result
+
+    return run_shown
 
 
 def _end_now() -> NoReturn:
@@ -117,6 +143,7 @@ def _run_hydra(
     config_dir: Path,
     exit_code: Callable[[Result], int],
     arguments: list[str],
+    as_rows: Callable[[Result], Rows] | None,
 ) -> int:
     import hydra
     from hydra.core.hydra_config import HydraConfig
@@ -125,6 +152,7 @@ def _run_hydra(
 
     _store(name, schema)
     outcome: list[int | Exception] = []
+    sweeps: set[Path] = set()
 
     def job(composed: DictConfig) -> None:
         """One run: what Hydra calls, once, or once per combination of a sweep."""
@@ -133,7 +161,13 @@ def _run_hydra(
             composed.output_dir = HydraConfig.get().runtime.output_dir
         try:
             config = OmegaConf.to_object(composed)
-            outcome.append(exit_code(task(config)))  # type: ignore[arg-type]
+            with _owning(name, config):
+                result = task(config)  # type: ignore[arg-type]
+                outcome.append(exit_code(result))
+            if in_sweep and as_rows is not None:
+                folder = Path(composed.output_dir)
+                note_run(folder, HydraConfig.get().overrides.task, as_rows(result))
+                sweeps.add(folder.parent)
         except Exception as error:
             # Hydra would print a line of its own about a failed job; in a sweep it must know of it.
             if in_sweep or not is_user_error(error):
@@ -145,10 +179,19 @@ def _run_hydra(
     )
     with _hydra_raises(arguments):
         decorate(job)()
+    for folder in sweeps:
+        print(sweep_table(folder))
     for result in outcome:
         if isinstance(result, Exception):
             raise result
     return max((code for code in outcome if isinstance(code, int)), default=EXIT_OK)
+
+
+def _owning(name: str, config: object) -> AbstractContextManager[None]:
+    """The folder of the run belongs to it, if it has one."""
+
+    folder = getattr(config, "output_dir", None)
+    return nullcontext() if folder is None else owned(Path(folder), name.replace("/", " "))
 
 
 def _store(name: str, schema: type) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from skipnet.checks import suggestion
-from skipnet.commands.errors import EXIT_BAD_INPUT, EXIT_OK
+from skipnet.commands.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_OK
 from skipnet.provenance import __version__
 
 COMMANDS = {
@@ -31,7 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if name not in COMMANDS:
         print(f"skipnet: no command {name!r}{suggestion(name, tuple(COMMANDS))}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    return int(import_module(f"skipnet.commands.{name}").main(rest))
+    try:
+        return int(import_module(f"skipnet.commands.{name}").main(rest))
+    except KeyboardInterrupt:  # while the command itself is imported
+        print(f"{name}: interrupted; nothing was begun", file=sys.stderr)
+        return EXIT_INTERRUPTED
 
 
 def _usage() -> str:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 from skipnet.checks import METRES_PER_UNIT, check_known, check_viewpoint, require
 from skipnet.commands import hydra_app
 from skipnet.commands.errors import EXIT_NOT_REGISTERED, EXIT_OK
+from skipnet.progress import Terminal
 from skipnet.registration.options import RegistrationConfig
 
 if TYPE_CHECKING:
     from skipnet.projects.assembly import Assembly
+    from skipnet.registration.prior import Prior
     from skipnet.registration.result import Registration
 
 
@@ -43,8 +45,17 @@ class RegisterConfig:
     """Sensor position in the target's frame: auto (find out), null (unknown) or [x,y,z] in m."""
     voxel_size_m: float | None = None
     """Voxel edge length in metres; null chooses it from the data."""
+    prior: Any = None
+    """A pose that somebody believes in, four rows of four numbers, or a file of them (text, or a
+    result.json): judged like any other hypothesis, never trusted."""
+    prior_position_std_m: float | None = None
+    """How far its place may be off; null: three voxels."""
+    prior_rotation_std_deg: float | None = None
+    """How far its rotation may be off; null: three degrees."""
     seed: int = 0
     """Seed of every random choice: the same input and seed give the same bits."""
+    terminal: Terminal = Terminal.table
+    """table: a bar, then what came out; quiet: errors alone; json: one line of JSON."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """How to register."""
 
@@ -64,6 +75,8 @@ class RegisterConfig:
             raise ValueError(f"only {given} was given: give source=FILE and target=FILE together")
         if self.scans and self.source is not None:
             raise ValueError("scans=[...] and source=/target= exclude each other: give only one")
+        if self.scans and self.prior is not None:
+            raise ValueError("prior is for two scans: leave it out with scans=[...]")
         if self.scans and (self.source_viewpoint, self.target_viewpoint) != ("auto", "auto"):
             raise ValueError(
                 "source_viewpoint and target_viewpoint are for two scans: with scans=[...] all "
@@ -93,6 +106,7 @@ def register(config: RegisterConfig) -> Registration | Assembly:
         config.registration,
         config.unit,
         config.format,
+        _prior(config),
         config.colour_by_scan,
     )
     folder = Path(config.output_dir)
@@ -105,6 +119,39 @@ def register(config: RegisterConfig) -> Registration | Assembly:
     return files.register_simulated_pair(folder, choices)
 
 
+def _prior(config: RegisterConfig) -> Prior | None:
+    """The prior that the options name."""
+    from skipnet.registration.prior import Prior
+    from skipnet.results.priors import read_pose
+
+    if config.prior is None:
+        return None
+    T_target_source = read_pose(config.prior)
+    return Prior(T_target_source, config.prior_position_std_m, config.prior_rotation_std_deg)
+
+
+def as_json(result: Registration | Assembly) -> dict[str, Any]:
+    """What ``terminal=json`` prints: the fields of result.json, or where each scan stands."""
+    from skipnet.projects.assembly import Assembly
+    from skipnet.results.pair import registration_fields
+
+    if not isinstance(result, Assembly):
+        return registration_fields(result)
+    names = ("groups", "T_group_scan", "status", "position_std_m", "rotation_std_rad", "timings_s")
+    return {name: getattr(result, name) for name in names} | {
+        "outcome": result.outcome,
+        "reason": result.reason,
+    }
+
+
+def rows(result: Registration | Assembly) -> list[dict[str, Any]]:
+    """What the table of a sweep says of a run."""
+    if isinstance(result.status, str):
+        confidence = getattr(result, "confidence", None)
+        return [{"status": str(result.status), "confidence": confidence, "reason": result.reason}]
+    return [{"status": str(result.outcome), "reason": result.reason}]
+
+
 def exit_code(result: Registration | Assembly) -> int:
     """0 when registered, all scans in one frame if there are many; 3 when ambiguous or failed."""
     outcome = result.status if isinstance(result.status, str) else result.outcome
@@ -113,4 +160,6 @@ def exit_code(result: Registration | Assembly) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command: its exit code."""
-    return hydra_app.run("register", RegisterConfig, register, exit_code, arguments)
+    return hydra_app.run(
+        "register", RegisterConfig, register, exit_code, arguments, as_json=as_json, as_rows=rows
+    )

@@ -38,12 +38,24 @@ _OUTER_REACH_VOXELS = REACH_VOXELS * (1 + 3**0.5 / _GRID)
 """Beyond it lies no place of which the middle is in the cylinder."""
 
 
-def choose_keypoints(skipmap: SkipMap, count: int) -> IntArray:
-    """Ascending rows of the ``count`` most curved voxels, of all when there are fewer.
+def choose_keypoints(skipmap: SkipMap, count: int, curved_share: float = 1.0) -> IntArray:
+    """Ascending rows of the most curved voxels, of all when there are fewer than ``count``.
 
-    Flat surroundings look alike: they cost as much as others and show no place in particular.
+    Flat surroundings look alike: they cost as much as others and show no place in particular. Yet
+    where two scans share little the most curved voxels of one may all lie outside the other.
+
+    Args:
+        skipmap: of one scan.
+        count: voxels.
+        curved_share: so many of them are the most curved ones; the others are taken evenly from the
+            order of the rest.
     """
-    return np.sort(np.argsort(-skipmap.curvatures, kind="stable")[:count])
+    order = np.argsort(-skipmap.curvatures, kind="stable")
+    if len(order) <= count:
+        return np.sort(order)
+    curved = int(curved_share * count)
+    others = np.linspace(curved, len(order) - 1, count - curved).astype(np.int64)
+    return np.sort(np.concatenate([order[:curved], order[others]]))
 
 
 def cylinder_patches(skipmap: SkipMap, rows: IntArray) -> FloatArray:

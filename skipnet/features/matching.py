@@ -1,4 +1,4 @@
-"""Mutual nearest neighbours among descriptors."""
+"""Which descriptors are near each other: mutual nearest ones, and a few more of each."""
 
 from __future__ import annotations
 
@@ -50,4 +50,31 @@ def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     rows_t, first = np.unique(forward[mutual], return_index=True)  # of equal sources the first
     rows_s, order = np.sort(mutual[first]), np.argsort(mutual[first])
     rows_t = rows_t[order]
+    return rows_s, rows_t, np.linalg.norm(source[rows_s] - target[rows_t], axis=1)
+
+
+def mutually_near(
+    source: FloatArray, target: FloatArray, count: int
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Pairs of descriptors each of which is among the ``count`` nearest of the other.
+
+    Where two scans share little, the right partner is often the second or third.
+
+    Args:
+        source: (V, D) descriptors.
+        target: (W, D) descriptors.
+        count: 1 gives the mutual nearest ones.
+
+    Returns:
+        As ``mutual_nearest``.
+    """
+    if len(source) == 0 or len(target) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32)
+    left, right = factors_of_squared_distances(source, target)
+    squared = left @ right
+    near = np.ones(squared.shape, dtype=bool)
+    for axis, others in enumerate(squared.shape):
+        last = min(count, others) - 1
+        near &= squared <= np.partition(squared, last, axis=axis).take([last], axis=axis)
+    rows_s, rows_t = np.nonzero(near)
     return rows_s, rows_t, np.linalg.norm(source[rows_s] - target[rows_t], axis=1)

@@ -148,7 +148,8 @@ class Keypoints:
     def of(scans: TwoScans, descriptor: Model) -> Keypoints:
         """All those that are described: training shall do well on the less matchable ones too."""
         rows_s, rows_t = (
-            choose_keypoints(s, descriptor.max_keypoints) for s in (scans.source, scans.target)
+            choose_keypoints(s, descriptor.max_keypoints, descriptor.curved_share)
+            for s in (scans.source, scans.target)
         )
         moved_m = transform_points(scans.T_target_source, scans.source.centroids_m[rows_s])
         patches_t, places_m = (

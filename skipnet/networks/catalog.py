@@ -10,14 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from skipnet.clouds.formats.arrays import read_archive
 from skipnet.networks.model import Model, digest_of
 from skipnet.networks.names import SHIPPED, weights_file
+from skipnet.networks.numpy_deep import DeepNumpyNetwork
 from skipnet.networks.numpy_network import SmallNetwork
-from skipnet.storage import replacing, write_text
+from skipnet.storage import read_json, replacing, write_text
 from skipnet.types import FloatArray
 
 
 def _deep(weights: dict[str, FloatArray], card: dict[str, Any], device: str) -> Model:
+    """On the processor NumPy is as fast, and need not be imported."""
+    if device == "cpu":
+        return DeepNumpyNetwork(weights, card)
     from skipnet.networks.torch_network import TorchNetwork
 
     return TorchNetwork(weights, card, device)
@@ -84,20 +89,27 @@ def load_network(path: Path, device: str = "cpu") -> Model:
     for file in (path, card_path):
         if not file.is_file():
             raise FileNotFoundError(f"no file of the network {file}; python train.py writes one")
-    card = json.loads(card_path.read_text())
-    with np.load(path, allow_pickle=False) as arrays:
-        weights = {name: arrays[name].astype(np.float32) for name in arrays.files}
+    card = read_json(card_path)
+    weights = _read_weights(path)
     found, expected = digest_of(weights), card.get("digest")
     if found != expected:
         raise ValueError(
             f"{path} is not whole, or not the file of its card: its weights have the digest "
             f"{found}, the card says {expected}"
         )
-    make = ARCHITECTURES.get(card.get("architecture", ""))
+    make = ARCHITECTURES.get(str(card.get("architecture")))
     if make is None:
         known = " or ".join(ARCHITECTURES)
         raise ValueError(f"{card_path}: architecture is {card.get('architecture')}, not {known}")
     try:
         return make(weights, card, device)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(f"{path}: not the weights of its architecture: {error}") from error
+
+
+def _read_weights(path: Path) -> dict[str, FloatArray]:
+    arrays = read_archive(path)
+    for name, array in arrays.items():
+        if array.dtype.kind != "f" or not np.isfinite(array).all():
+            raise ValueError(f"{path}: {name} holds {array.dtype}: expected finite numbers")
+    return {name: array.astype(np.float32) for name, array in arrays.items()}

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.features.cylinders import choose_keypoints
-from skipnet.features.matching import mutual_nearest
+from skipnet.features.matching import mutual_nearest, mutually_near
 from skipnet.features.patches import build_patches
 from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
+Keypoints = tuple[IntArray, FloatArray]
+"""(K,) rows of a Skip-map and their (K, D) descriptors."""
 KEPT_SHARE = 0.6
 """Of the voxels described, the most matchable are matched: the others give far more wrong matches
 than right."""
@@ -23,20 +25,21 @@ def describe_keypoints(
     network: Model,
     both_sides: bool = False,
     max_keypoints: int | None = None,
-) -> tuple[IntArray, FloatArray]:
+) -> Keypoints:
     """The voxels of a scan that are likeliest to be recognised in another, and their descriptors.
 
     Args:
         skipmap: the scan's Skip-map.
         network: describes and says what is matchable.
         both_sides: describe each voxel with both signs of its normal.
-        max_keypoints: voxels described, the most curved ones; the most matchable are returned. None
-            takes as many as the network asks for.
+        max_keypoints: voxels described, see ``choose_keypoints``; the most matchable are returned.
+            None takes as many as the network asks for.
 
     Returns:
         (K,) rows of the Skip-map, a row twice at most if both sides are described, and (K, D).
     """
-    rows = choose_keypoints(skipmap, max_keypoints or network.max_keypoints)
+    count = max_keypoints or network.max_keypoints
+    rows = choose_keypoints(skipmap, count, network.curved_share)
     patches = network.cut(skipmap, rows)
     if both_sides:
         patches = np.concatenate([patches, network.turned_over(patches)])
@@ -74,10 +77,30 @@ def correspond(
         descriptors: 0 equal, 2 opposed.
     """
     unknown = source.viewpoint_m is None or target.viewpoint_m is None
-    (rows_s, described_s), (rows_t, described_t) = side_by_side(
+    of_source, of_target = side_by_side(
         lambda scan, both: describe_keypoints(scan, network, both, max_keypoints),
         (source, target),
         (False, unknown),
     )
-    of_source, of_target, distance = mutual_nearest(described_s, described_t)
+    return recognised(of_source, of_target)
+
+
+def recognised(
+    source: Keypoints, target: Keypoints, choices: int = 1
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Voxels of two scans, from ``describe_keypoints``, that recognise each other.
+
+    Args:
+        source: rows and descriptors.
+        target: rows and descriptors.
+        choices: so many others may each of them be taken for.
+
+    Returns:
+        See ``correspond``.
+    """
+    (rows_s, described_s), (rows_t, described_t) = source, target
+    if choices == 1:
+        of_source, of_target, distance = mutual_nearest(described_s, described_t)
+    else:
+        of_source, of_target, distance = mutually_near(described_s, described_t, choices)
     return rows_s[of_source], rows_t[of_target], distance

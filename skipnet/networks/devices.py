@@ -36,10 +36,10 @@ def find_device(name: str) -> torch.device:
 
 
 @contextmanager
-def fixed_threads() -> Iterator[None]:
-    """Let torch compute with ``THREADS`` threads."""
+def fixed_threads(count: int = THREADS) -> Iterator[None]:
+    """Let torch compute with so many threads."""
     before = torch.get_num_threads()
-    torch.set_num_threads(THREADS)
+    torch.set_num_threads(count)
     try:
         yield
     finally:

@@ -27,6 +27,10 @@ class Model(Protocol):
     def max_keypoints(self) -> int:
         """Voxels of a scan that it describes at most."""
 
+    @property
+    def curved_share(self) -> float:
+        """So many of these are the most curved ones, see ``choose_keypoints``."""
+
     def cut(self, skipmap: SkipMap, rows: IntArray) -> FloatArray:
         """(K, ...) patches: what it reads of (K,) voxels of a scan."""
 

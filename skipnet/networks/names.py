@@ -8,8 +8,11 @@ from skipnet.checks import suggestion
 
 SHIPPED = "shipped"
 """The network that is used unless another is asked for, under a name of its own."""
+DEEP = "deep"
+"""The network of the generator of that name."""
 _WEIGHTS = Path(__file__).parent / "weights"
 SHIPPED_WEIGHTS = _WEIGHTS / "small.npz"
+DEEP_WEIGHTS = _WEIGHTS / f"{DEEP}.npz"
 
 
 def names() -> tuple[str, ...]:

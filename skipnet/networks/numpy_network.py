@@ -23,6 +23,7 @@ from skipnet.networks.model import digest_of
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
+_DESCRIPTOR, _CLASSES = 32, 5
 _CHUNK = 256
 """Voxels that the network reads at a time: what it computes stays in the processor's cache."""
 SHARED_LAYERS = ("sector", "mixing", "output", "matchable")
@@ -55,6 +56,7 @@ class SmallNetwork:
     architecture: ClassVar[str] = "small"
     max_keypoints: ClassVar[int] = 2000
     """More find few further correspondences and cost as much again."""
+    curved_share: ClassVar[float] = 1.0
 
     weights: dict[str, FloatArray]
     """Per layer (inputs, units) weights and (units,) biases, float32; those of the class head may
@@ -70,6 +72,15 @@ class SmallNetwork:
         if set(self.weights) not in (shared, shared | head):
             expected = sorted(shared | head)
             raise ValueError(f"weights {sorted(self.weights)}, expected {expected}")
+        nothing = np.zeros((1, SECTORS, SECTOR_SIZE), np.float32)
+        try:  # sizes that do not fit each other are found now rather than in the middle of a run
+            fits = [values.shape for values in self.read(nothing)] == [(1, _DESCRIPTOR), (1,)]
+            if fits and set(self.weights) > shared:
+                fits = self.classify(np.zeros((1, PATCH_SIZE)), nothing).shape == (1, _CLASSES)
+        except (ValueError, IndexError) as error:
+            raise ValueError(f"layers that do not fit each other: {error}") from error
+        if not fits:
+            raise ValueError("layers of other sizes than those of this network")
 
     @cached_property
     def digest(self) -> str:

@@ -12,6 +12,7 @@ from skipnet.features.grids import GRID_SHAPE, cylinder_grids, turned_over
 from skipnet.networks.deep import DeepNetwork
 from skipnet.networks.devices import find_device
 from skipnet.networks.model import digest_of
+from skipnet.networks.numpy_deep import CURVED_SHARE, MAX_KEYPOINTS, NO_CLASSES
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -32,16 +33,18 @@ class TorchNetwork:
     """
 
     architecture: ClassVar[str] = "deep"
-    max_keypoints: ClassVar[int] = 900
+    max_keypoints: ClassVar[int] = MAX_KEYPOINTS
+    curved_share: ClassVar[float] = CURVED_SHARE
 
     def __init__(
         self, weights: dict[str, FloatArray], card: dict[str, Any], device: str = "cpu"
     ) -> None:
         self.card, self.weights, self._device = card, weights, find_device(device)
-        network = DeepNetwork(**card["widths"])
+        with torch.device("meta"):  # a card of a stranger takes no memory
+            network = DeepNetwork(**card["widths"])
         tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
         try:
-            network.load_state_dict(tensors, strict=True)
+            network.load_state_dict(tensors, strict=True, assign=True)
         except RuntimeError as error:
             raise ValueError(str(error)) from error
         self._network = network.to(self._device).eval()
@@ -79,7 +82,4 @@ class TorchNetwork:
         Raises:
             ValueError: always.
         """
-        raise ValueError(
-            "the deep network knows no classes: take network=shipped for the generators corners "
-            "and edges, and for a feature_weight other than 1"
-        )
+        raise ValueError(NO_CLASSES)

@@ -73,7 +73,13 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         environment(one_thread),
         ProcessPoolExecutor(workers, mp_context=fresh, initializer=end_with_parent) as pool,
     ):
-        yield pool
+        try:
+            yield pool
+        except BaseException:
+            # Else the pool waits for what its workers do at the moment, which nobody wants now.
+            for worker in list((pool._processes or {}).values()):
+                worker.kill()
+            raise
 
 
 @contextmanager

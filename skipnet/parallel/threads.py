@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ContextDecorator
 from functools import cache
+from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -50,10 +52,34 @@ def side_by_side(function: Callable[..., _Result], *columns: Iterable[Any]) -> l
 
 
 def processors() -> int:
-    """How many of the machine's processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """How many of the machine's processors this process may use: a container may allow it fewer."""
+    if not hasattr(os, "sched_getaffinity"):
+        return os.cpu_count() or 1
+    return math.ceil(min(len(os.sched_getaffinity(0)), max(_quota(), 1)))
+
+
+@cache
+def _quota(groups: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> float:
+    """Processors' worth of time that Linux grants this process; infinite where it is not limited.
+
+    Args:
+        groups: where the control groups are mounted (version 2).
+        own: names the group of this process below it.
+    """
+    try:
+        lines = own.read_text().splitlines()
+        name = next(line[3:] for line in lines if line.startswith("0::"))
+    except (OSError, StopIteration, UnicodeDecodeError):
+        return math.inf
+    group = groups / name.lstrip("/")
+    limits = [math.inf]
+    for folder in (group, *group.parents):
+        try:
+            most, period = (folder / "cpu.max").read_text().split()
+            limits.append(float(most) / float(period))
+        except (OSError, ValueError):  # "max", or no such file
+            continue
+    return min(limits)
 
 
 @cache

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from importlib import import_module
 
 import numpy as np
 
+from skipnet.clouds.cloud import Cloud
 from skipnet.projects.ways import PairKey
-from skipnet.registration.result import Registration
+from skipnet.registration.result import PAGES, Registration
+from skipnet.skipmap.tree import SkipTree
 from skipnet.types import FloatArray, Status
 
 
@@ -81,6 +85,28 @@ class Assembly:
     be believed in these scans."""
     timings_s: dict[str, float] = field(default_factory=dict)
     """Seconds per stage."""
+    given: Sequence[Cloud | SkipTree] = field(default=(), repr=False, compare=False)
+    """The scans."""
+
+    def __str__(self) -> str:
+        return f"{self.outcome}: {self.reason}"
+
+    def save(self, folder: str | os.PathLike[str], format: str = "auto") -> None:
+        """Write what the command line writes: poses.json, merged clouds, report.html, a picture.
+
+        Args:
+            folder: made when missing; results of an earlier run in it are replaced.
+            format: of the merged clouds, beside PLY, such as "laz".
+        """
+        import_module(PAGES).save_many(self, folder, format)
+
+    def show(self) -> str:
+        """Open the report in the browser; the path of its page."""
+        return str(import_module(PAGES).show(self))
+
+    def _repr_html_(self) -> str:
+        """The outcome and the scans in 3-D, for notebooks."""
+        return str(import_module(PAGES).notebook_html_of_many(self))
 
     @property
     def group_of(self) -> list[int]:

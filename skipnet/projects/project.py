@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
+from skipnet.clouds.cloud import Cloud
 from skipnet.networks.catalog import find_network
 from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly
@@ -22,10 +24,10 @@ from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import clean
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.describing import common_voxel_size_m, describe
-from skipnet.scans.given import ScanLike, taken
+from skipnet.scans.given import ScanLike, opened, taken
 from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.scans.store import ScanStore, scan_key
-from skipnet.skipmap.tree import Points, check_voxel_size
+from skipnet.skipmap.tree import Points, SkipTree, check_voxel_size
 
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
@@ -79,6 +81,7 @@ class Project:
         self._store = PairStore(None if folder is None else Path(folder) / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []
         """Scans that have not been described; what has been is let go."""
+        self._clouds: list[Cloud | SkipTree] = []
         self._digests: list[str] = []
         self._scans: list[Scan] = []
         self._scan_names: list[str] = []
@@ -100,8 +103,10 @@ class Project:
             ValueError: it is no point cloud.
         """
         number = len(self)
+        scan = opened(scan, f"scans[{number}]")
         cloud_m, viewpoint = taken(scan, viewpoint, f"scans[{number}]", f"viewpoints[{number}]")
         self._given.append((cloud_m, viewpoint))
+        self._clouds.append(scan)
         self._digests.append(digest(cloud_m, viewpoint))
         return number
 
@@ -136,7 +141,8 @@ class Project:
                 joiner, decision = self._decide(keys, 2, witness, chosen)
         with clock("pose graph"):
             used = {key: self._outcomes[key] for key in keys}
-            return assemble(decision, joiner, used, self._scans, clock.seconds)
+            result = assemble(decision, joiner, used, self._scans, clock.seconds)
+        return replace(result, given=tuple(self._clouds))
 
     def _describe(self) -> None:
         """Describe the scans that are new, with the project's voxel size."""

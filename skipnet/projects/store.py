@@ -16,8 +16,9 @@ from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.result import Registration, ScanFacts
+from skipnet.scans.scan import AutoAt, Viewpoint
 from skipnet.skipmap.tree import Points, points_of
-from skipnet.storage import write_text
+from skipnet.storage import read_json, write_text
 from skipnet.types import FloatArray, Status
 
 _KINDS = {kind.__name__: kind for kind in (Outcome, Registration, ScanFacts, Findings)}
@@ -34,10 +35,10 @@ class PairStore:
         if self._folder is None:
             return None
         try:
-            outcome = decoded(json.loads(self._file(key).read_text(encoding="utf-8")))
-        except (FileNotFoundError, ValueError, KeyError, TypeError):
+            outcome = decoded(read_json(self._file(key)))
+        except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
-        return outcome if isinstance(outcome, Outcome) else None
+        return outcome if _is_whole(outcome) else None
 
     def save(self, key: str, outcome: Outcome) -> None:
         """Keep an outcome."""
@@ -69,10 +70,30 @@ class SizeStore:
         write_text(self._file, json.dumps(content))
 
 
-def digest(points: Points, viewpoint: str | FloatArray | Sequence[float] | None) -> str:
+def _is_whole(outcome: object) -> bool:
+    """Whether it is an outcome with poses; a folder may come from anywhere."""
+    if not isinstance(outcome, Outcome) or not isinstance(outcome.result, Registration):
+        return False
+    result, poses = outcome.result, outcome.finalists
+    return (
+        isinstance(poses, np.ndarray)
+        and poses.shape[1:] == (4, 4)
+        and all(
+            isinstance(T, np.ndarray) and T.shape == (4, 4) and bool(np.isfinite(T).all())
+            for T in (result.T_target_source, result.T_target_source_coarse, *poses)
+        )
+        and isinstance(result.status, Status)
+        and isinstance(result.findings, Findings | None)
+        and isinstance(result.source, ScanFacts)
+        and isinstance(result.target, ScanFacts)
+    )
+
+
+def digest(points: Points, viewpoint: Viewpoint) -> str:
     """Of what a scan is: its points and its given viewpoint."""
     found = hashlib.sha256(np.ascontiguousarray(points_of(points)).tobytes())
-    found.update(str(viewpoint if isinstance(viewpoint, str) else _listed(viewpoint)).encode())
+    told = viewpoint if isinstance(viewpoint, str | AutoAt) else _listed(viewpoint)
+    found.update(str(told).encode())
     return found.hexdigest()
 
 

@@ -8,7 +8,7 @@ from typing import Union
 import numpy as np
 
 from skipnet.registration.alignment.refinement import Refinement, refine
-from skipnet.registration.alignment.sparse import refine_sparse
+from skipnet.registration.alignment.sparse import finish_sparse, refine_sparse
 from skipnet.registration.alignment.thin_planes import lay_on_planes
 from skipnet.registration.judging.judge import HOPELESS, Judge
 from skipnet.registration.judging.likeness import odd_share
@@ -20,7 +20,7 @@ from skipnet.types import FloatArray, IntArray
 MIN_POLISHED = 0.85
 """A final fine alignment that leaves the best pose less than this share of its score is undone."""
 SPARSE_FINALISTS = 6
-"""Candidates of sparse scans that are worth fine alignment by GICP, which takes one at a time."""
+"""Candidates of sparse scans that are worth fine alignment by GICP."""
 SLIDING_FINALISTS = 6
 """So many candidates are slid along directions that few normals hold ..."""
 WORTH_SLIDING = 0.5
@@ -131,8 +131,9 @@ class SparseAligner:
 
     def finish(self, best: Refinement, T_target_source: FloatArray, total: float) -> Refinement:
         """The final fine alignment of one prepared pose; nothing slid it, and its score stays."""
+        thinned = self.source.thinned, self.target.thinned
         return lay_on_planes(
-            best,
+            finish_sparse(best, *thinned, self.judge.voxel_size_m),
             self.source.fine_tree.centroids_m,
             self.target.fine_tree.centroids_m,
             self.source.viewpoint_m,

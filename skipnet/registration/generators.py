@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from skipnet.features.fpfh import fpfh
 from skipnet.features.matching import mutual_nearest
 from skipnet.features.primitives import Planes
-from skipnet.networks.describing import correspond
+from skipnet.networks.catalog import find_network
+from skipnet.networks.describing import recognised
+from skipnet.networks.model import Model
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
 from skipnet.registration.hypotheses.correspondences import from_correspondences
@@ -19,6 +20,9 @@ from skipnet.registration.hypotheses.slides import from_slides
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, IntArray
+
+DEEP_CHOICES = 2
+"""A voxel may correspond to so many others for which the deep network takes it."""
 
 Propose = Callable[[Scan, Scan, RegistrationConfig], Hypotheses]
 """From source, target and options to candidate poses; the judge decides about all of them alike."""
@@ -50,21 +54,45 @@ def _from_slides(source: Scan, target: Scan, config: RegistrationConfig) -> Hypo
 
 
 def _from_descriptors(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
-    found = correspond(source.skipmap, target.skipmap, source.network)
-    return _from_matches(source, target, found, config)
+    return _from_network(source, target, source.network, 1, config)
+
+
+def _from_deep(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
+    network = find_network(config.deep_network, config.device)
+    return _from_network(source, target, network, DEEP_CHOICES, config)
+
+
+def _from_network(
+    source: Scan, target: Scan, network: Model, choices: int, config: RegistrationConfig
+) -> Hypotheses:
+    """Poses on which voxels agree that recognise each other.
+
+    Where a viewpoint is unknown the signs of the normals say nothing: then the target is described
+    with both.
+    """
+    both_sides = False, not _agree_in_side(source, target)
+    of_source, of_target = side_by_side(
+        lambda scan, both: scan.keypoints(network, both), (source, target), both_sides
+    )
+    return _from_matches(source, target, recognised(of_source, of_target, choices), config)
 
 
 def _from_fpfh(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
-    found = mutual_nearest(fpfh(source.skipmap), fpfh(target.skipmap))
+    found = mutual_nearest(source.histograms, target.histograms)
     return _from_matches(source, target, found, config)
 
 
 def _planes(source: Scan, target: Scan) -> tuple[Planes, Planes]:
     """Planes of both; where a sensor's place is unknown, either side of them may be up."""
     planes_s, planes_t = side_by_side(lambda scan: scan.planes, (source, target))
-    if source.viewpoint_m is None or target.viewpoint_m is None:
+    if not _agree_in_side(source, target):
         planes_s = planes_s.with_both_signs()
     return planes_s, planes_t
+
+
+def _agree_in_side(source: Scan, target: Scan) -> bool:
+    """Whether the normals of both look to their sensors."""
+    return source.viewpoint_m is not None and target.viewpoint_m is not None
 
 
 def _from_matches(
@@ -88,6 +116,7 @@ PROPOSE: dict[Generator, Propose] = {
     Generator.planes: _from_planes,
     Generator.slides: _from_slides,
     Generator.descriptors: _from_descriptors,
+    Generator.deep: _from_deep,
     Generator.fpfh: _from_fpfh,
 }
 """Every generator; a new one is a function and a row here, and a member of ``Generator``."""

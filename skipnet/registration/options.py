@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from skipnet.checks import check_known, require
-from skipnet.networks.names import SHIPPED, weights_file
+from skipnet.networks.names import DEEP, SHIPPED, weights_file
 
 
 class Generator(Enum):
@@ -19,6 +19,8 @@ class Generator(Enum):
     slides = "slides"
     descriptors = "descriptors"
     """The learned ones."""
+    deep = "deep"
+    """Those of the deep network, from finer patches; slower."""
     fpfh = "fpfh"
     """Descriptors computed by a fixed rule, for comparison; slower, and Open3D's."""
 
@@ -39,8 +41,10 @@ class RegistrationConfig:
     network: str = SHIPPED
     """What recognises and classifies voxels: shipped, another name, or the path of a file of
     weights that ``train.py`` wrote."""
+    deep_network: str = DEEP
+    """What the generator deep describes voxels with; likewise."""
     device: str = "cpu"
-    """Where a network computes that needs torch: cpu, cuda or mps. The shipped one needs none."""
+    """Where a network computes that needs torch: cpu, cuda or mps. On the processor none does."""
     denoise: bool = False
     """Drop outliers first, as the paper does. Effective voxels do without."""
     denoise_neighbours: int = 4
@@ -63,6 +67,8 @@ class RegistrationConfig:
     def __post_init__(self) -> None:
         require(bool(self.generators), "generators", self.generators, "at least one generator")
         weights_file(self.network, "network")
+        if Generator.deep in self.generators:
+            weights_file(self.deep_network, "deep_network")
         check_known("device", self.device, ("cpu", "cuda", "mps"))
         known = all(isinstance(generator, Generator) for generator in self.generators)
         require(known, "generators", self.generators, "members of Generator")

@@ -1,34 +1,30 @@
-"""Registration on one screen: from two point clouds to a pose, a verdict and what both rest on."""
+"""Registration: from two point clouds to a pose, a verdict and what both rest on."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from skipnet.clouds.cleaning import denoise
-from skipnet.geometry import invert
+from skipnet.geometry import invert, transform_points
 from skipnet.networks.catalog import find_network
 from skipnet.parallel.threads import one_blas_thread
-from skipnet.registration.answer import Answer
-from skipnet.registration.generators import propose
-from skipnet.registration.judging.judge import Judge
-from skipnet.registration.judging.riding import silence_riders
-from skipnet.registration.options import Generator, RegistrationConfig
-from skipnet.registration.result import Registration, ScanFacts
-from skipnet.registration.settling import settle
+from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.prior import Prior, as_prior, compare, poses_about
+from skipnet.registration.result import Given, Registration, ScanFacts
+from skipnet.registration.searching import LAST_RESORTS, search
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.units import likeliest_unit, reason_for, size_of
 from skipnet.scans.describing import describe
-from skipnet.scans.given import ScanLike, taken
+from skipnet.scans.given import ScanLike, opened, taken
 from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.skipmap.tree import Points, check_voxel_size, points_of
 from skipnet.types import FloatArray, Status
 
 HOPELESS_CONFIDENCE = 0.05
 """With less than this in the best pose, other units are worth a try."""
-CLEAR_CONFIDENCE = 0.95
-"""With this much confidence in a registered pose no further generator is asked."""
 
 
 def register(
@@ -40,6 +36,7 @@ def register(
     voxel_size_m: float | None = None,
     seed: int = 0,
     config: RegistrationConfig | None = None,
+    prior: Prior | npt.ArrayLike | None = None,
 ) -> Registration:
     """Find the rigid motion that brings the source scan into the target's frame, without a guess.
 
@@ -54,6 +51,8 @@ def register(
         voxel_size_m: edge of a voxel; None chooses it from the data.
         seed: of every random choice: the same input and seed give the same result.
         config: everything else; None takes the defaults.
+        prior: a pose that somebody believes in, (4, 4) or a ``Prior`` that says how far it may be
+            off. It is judged like any other hypothesis and has no say in the verdict.
 
     Returns:
         The pose before and after fine alignment, the verdict and the time of each stage. Not to
@@ -63,9 +62,10 @@ def register(
         ValueError: the input is not two clouds of finite points that span a surface, or an option
             is out of its range.
     """
-    config = config or RegistrationConfig()
+    config, prior = config or RegistrationConfig(), as_prior(prior)
     clock = Stopwatch()
     with clock("validate"):
+        source, target = opened(source, "source"), opened(target, "target")
         source_m, source_viewpoint = taken(source, source_viewpoint, "source", "source_viewpoint")
         target_m, target_viewpoint = taken(target, target_viewpoint, "target", "target_viewpoint")
         if voxel_size_m is not None:
@@ -76,50 +76,78 @@ def register(
         viewpoints = source_viewpoint, target_viewpoint
         network = find_network(config.network, config.device)
         scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed, network)
-    result = register_scans(scans[0], scans[1], config, clock)
-    if result.status is Status.REGISTERED:
-        return result
-    return _naming_units(result, points_of(source_m), points_of(target_m), config, seed)
+    result = register_scans(scans[0], scans[1], config, clock, prior)
+    if result.status is not Status.REGISTERED:
+        result = _naming_units(result, points_of(source_m), points_of(target_m), config, seed)
+    return replace(result, given=Given(source, target, seed, (scans[0], scans[1])))
 
 
 def register_scans(
-    source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch
+    source: Scan,
+    target: Scan,
+    config: RegistrationConfig,
+    clock: Stopwatch,
+    prior: Prior | None = None,
 ) -> Registration:
     """As ``register``, for scans that are described already, with one voxel size.
 
     The search knows neither which scan is called the source nor the frames they were given in, so
     swapping the scans gives the inverse and moving one of them moves the answer along.
     """
-    return register_with_finalists(source, target, config, clock)[0]
+    return register_with_finalists(source, target, config, clock, prior)[0]
 
 
 @one_blas_thread
 def register_with_finalists(
-    source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch
+    source: Scan,
+    target: Scan,
+    config: RegistrationConfig,
+    clock: Stopwatch,
+    prior: Prior | None = None,
 ) -> tuple[Registration, FloatArray]:
     """As ``register_scans``, with the (K, 4, 4) distinct poses that were in the last round."""
     moving, fixed = sorted((source, target), key=lambda scan: scan.rank)
-    answer = search(moving, fixed, config, clock)
+    guesses = _guesses(prior, source, target)
+    answer = search(moving, fixed, config, clock, guesses if moving is source else invert(guesses))
     if moving is not source:
         answer = answer.mapped(invert, answer.T_target_source[:3, :3].T)
     answer = answer.mapped(
         lambda T_own: target.T_given_own @ T_own @ invert(source.T_given_own),
         target.T_given_own[:3, :3],
     )
+    check = None
+    if prior is not None:
+        check = compare(prior, answer.T_target_source, *_middle(source))
+    reason = f"{answer.verdict.reason}; {check}" if check else answer.verdict.reason
     result = Registration(
         T_target_source=answer.T_target_source,
         T_target_source_coarse=answer.T_target_source_coarse,
         status=answer.verdict.status,
         confidence=answer.verdict.confidence,
-        reason=_with_strays(answer.verdict.reason, source.record.strays + target.record.strays),
+        reason=_with_strays(reason, source.record.strays + target.record.strays),
         voxel_size_m=source.skipmap.voxel_size_m,
         source=_facts(source),
         target=_facts(target),
         findings=answer.findings,
+        prior=check,
         timings_s=clock.seconds,
         network=source.network.digest,
     )
     return result, answer.finalists
+
+
+def _guesses(prior: Prior | None, source: Scan, target: Scan) -> FloatArray:
+    """(C, 4, 4) poses about a prior, between the frames in which the scans are searched."""
+    if prior is None:
+        return np.zeros((0, 4, 4))
+    given = poses_about(prior, *_middle(source))
+    return invert(target.T_given_own) @ given @ source.T_given_own
+
+
+def _middle(source: Scan) -> tuple[FloatArray, float]:
+    """(3,) the source's centre in the frame that it was given in, and the voxel size."""
+    centre_m = transform_points(source.T_given_own, source.evidence.centre_m[None])[0]
+    return centre_m, source.skipmap.voxel_size_m
 
 
 def _naming_units(
@@ -131,7 +159,8 @@ def _naming_units(
 ) -> Registration:
     """The same result, its reason naming the units if the scans only agree in different ones.
 
-    Units are tried; where that does not help, what may be a part and its whole is left as it is.
+    Units are tried, by the cheaper generators; where that does not help, what may be a part and its
+    whole is left as it is.
     """
     source_size, target_size = size_of(source_m), size_of(target_m)
     guess = likeliest_unit(source_size, target_size)
@@ -142,7 +171,9 @@ def _naming_units(
     scans = describe(
         clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device)
     )
-    retry = register_scans(scans[0], scans[1], config, Stopwatch())
+    cheap = [one for one in config.generators if one not in LAST_RESORTS]
+    quick = replace(config, generators=cheap or config.generators)
+    retry = register_scans(scans[0], scans[1], quick, Stopwatch())
     registers = retry.status is Status.REGISTERED
     if not (registers or guess.is_surely_apart):
         return result
@@ -158,40 +189,6 @@ def _facts(scan: Scan) -> ScanFacts:
 def _with_strays(reason: str, strays: int) -> str:
     """The reason, and how many points had no say."""
     return f"{reason}; {strays} points far from all others were left out" if strays else reason
-
-
-def search(source: Scan, target: Scan, config: RegistrationConfig, clock: Stopwatch) -> Answer:
-    """Propose, verify and refine, one generator after the other until the verdict is clear."""
-    with clock("classes"):
-        source, target = (scan.valued(config.feature_weight) for scan in (source, target))
-    answer = Answer.none()
-    if min(len(source.skipmap), len(target.skipmap)) == 0:
-        return answer
-    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
-    judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
-    for generator in config.generators:
-        if is_enough(answer, generator):
-            break
-        with clock("hypotheses"):
-            hypotheses = propose(generator, source, target, config)
-        with clock("verification"):
-            fresh = judge.shortlist(hypotheses.T_target_source)
-        with clock("fine alignment"):
-            answer = settle(answer, fresh, source, target, judge, config)
-    return answer
-
-
-def is_enough(answer: Answer, coming: Generator) -> bool:
-    """Whether the coming generator need not be asked; FPFH takes longer than all the others.
-
-    Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
-    asked for rivals.
-    """
-    if coming is not Generator.fpfh and answer.findings is not None and answer.findings.is_blind:
-        return False
-    verdict = answer.verdict
-    enough = 0.0 if coming is Generator.fpfh else CLEAR_CONFIDENCE
-    return verdict.status is Status.REGISTERED and verdict.confidence >= enough
 
 
 def clean(cloud_m: Points, config: RegistrationConfig) -> Points:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
+from importlib import import_module
 
 import numpy as np
-import numpy.typing as npt
 
 from skipnet.clouds.cloud import Cloud
-from skipnet.geometry import transform_points
 from skipnet.registration.findings import Findings
+from skipnet.registration.prior import PriorCheck
+from skipnet.scans.given import ScanLike, opened
+from skipnet.scans.scan import Scan
+from skipnet.skipmap.tree import SkipTree
 from skipnet.types import FloatArray, Status
+
+PAGES = "skipnet.results.saving"
+"""The room above, which writes results; imported when somebody asks for it."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,17 @@ class ScanFacts:
     """What the evidence of that position is worth: 0 when it is unknown, to 1."""
     strays: int = 0
     """Points far from all others, which were left out."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a registration was asked about."""
+
+    source: Cloud | SkipTree
+    target: Cloud | SkipTree
+    seed: int
+    described: tuple[Scan, Scan] | None = None
+    """Both scans as they were searched."""
 
 
 @dataclass(frozen=True)
@@ -49,17 +67,59 @@ class Registration:
     target: ScanFacts
     findings: Findings | None = None
     """What the verdict rests on; None when no pose was proposed."""
+    prior: PriorCheck | None = None
+    """How far the answer is from the prior that was given; None without one."""
     timings_s: dict[str, float] = field(default_factory=dict)
     """Seconds per stage, in the order of the pipeline."""
+
+    given: Given | None = field(default=None, repr=False, compare=False)
+    """What it was found from; None of a pair among many scans."""
 
     def __str__(self) -> str:
         return f"{self.status} (confidence {self.confidence:.2f}): {self.reason}"
 
-    def transform(self, source: Cloud | npt.ArrayLike) -> Cloud | FloatArray:
-        """The source in the target's frame: a Cloud with all that it holds, or (N, 3) points."""
-        if isinstance(source, Cloud):
-            return source.moved(self.T_target_source)
-        return transform_points(self.T_target_source, np.asarray(source, np.float64))
+    def transform(self, source: ScanLike) -> Cloud | FloatArray:
+        """The source in the target's frame.
+
+        Args:
+            source: whatever ``skipnet.register`` takes.
+
+        Returns:
+            Of a Cloud or a file a Cloud with all that it holds; of an array an array, whose other
+            columns stay; of other libraries' clouds the points.
+        """
+        opened_source = opened(source, "source")
+        assert isinstance(opened_source, Cloud)
+        moved = opened_source.moved(self.T_target_source)
+        if isinstance(source, Cloud | str | os.PathLike):
+            return moved
+        others = list(moved.columns.values()) if isinstance(source, np.ndarray | list) else []
+        return np.column_stack([moved.points_m, *others]) if others else moved.points_m
+
+    def save(self, folder: str | os.PathLike[str], format: str = "auto") -> None:
+        """Write what the command line writes: result.json, aligned.ply, report.html, a picture.
+
+        Args:
+            folder: made when missing; results of an earlier run in it are replaced.
+            format: of the aligned source, beside PLY, such as "laz".
+
+        Raises:
+            ValueError: the result does not hold its scans: it is of a pair among many.
+        """
+        import_module(PAGES).save(self, folder, format)
+
+    def show(self) -> str:
+        """Open the report in the browser; the path of its page."""
+        return str(import_module(PAGES).show(self))
+
+    def _repr_html_(self) -> str:
+        """The verdict and both scans in 3-D, for notebooks."""
+        return str(import_module(PAGES).notebook_html(self))
+
+    @property
+    def _off_prior(self) -> dict[str, object]:
+        check = self.prior
+        return {} if check is None else {"prior_off_m": check.off_m, "prior_off_rad": check.off_rad}
 
     @property
     def details(self) -> dict[str, object]:
@@ -81,6 +141,7 @@ class Registration:
             "source_strays": self.source.strays,
             "target_strays": self.target.strays,
             "network": self.network,
+            **self._off_prior,
             **{name: found.get(name) for name in Findings.JSON_NAMES},
         }
 

@@ -7,10 +7,9 @@ import numpy as np
 from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
-from skipnet.registration.examining import AMBIGUOUS_MARGIN, find_out
+from skipnet.registration.examining import AMBIGUOUS_MARGIN, find_out, held_voxels
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
-from skipnet.registration.judging.sliding import holds_against
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.verdict import decide
 from skipnet.scans.scan import Scan
@@ -60,7 +59,7 @@ def settle(
         kept = judge.distinct(T, score)
     kept = clearest_first(kept, score, fine, T, judge)
     best = aligner.finish(fine[kept[:1]], T[kept[0]], score.total[kept[0]])
-    findings = find_out(judge, aligner, best, T, score, kept)
+    findings = find_out(judge, aligner, best, fine, T, score, kept)
     kept = kept[:FINALISTS]
     return Answer(coarse[rows[kept]], T[kept], best.T_target_source[0], decide(findings), findings)
 
@@ -97,10 +96,5 @@ def firmest_first(kept: IntArray, score: Score, fine: Refinement) -> IntArray:
         fine: their alignment.
     """
     near = kept[score.total[kept] >= (1 - AMBIGUOUS_MARGIN) * score.total[kept[0]]]
-    held = [
-        holds_against(fine.information[row], fine.matched[row], fine.spread_m[row])[0][0]
-        * fine.matched[row]
-        for row in near
-    ]
-    first = near[int(np.argmax(held))]
+    first = near[int(np.argmax([held_voxels(fine, row) for row in near]))]
     return np.concatenate([[first], kept[kept != first]])

@@ -6,6 +6,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from skipnet.progress import tell
+
 
 class Stopwatch:
     """Adds up wall-clock seconds per named stage."""
@@ -16,6 +18,7 @@ class Stopwatch:
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time the body of a ``with`` under the stage's name."""
+        tell(stage)
         start = time.perf_counter()
         yield
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start

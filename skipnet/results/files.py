@@ -9,27 +9,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import pose_error
+from skipnet.progress import clear, tell
 from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.prior import Prior
 from skipnet.registration.result import Registration
+from skipnet.results.closing import closing_rows
 from skipnet.results.clouds import output_names, write_aligned
 from skipnet.results.folder import new_results
 from skipnet.results.inputs import Given, check_not_overwritten, read_given
+from skipnet.results.lengths import Lengths
 from skipnet.results.pair import pair_page, result_json
 from skipnet.results.views import pair_viewer
 from skipnet.scans.scan import Viewpoint
 from skipnet.skipmap.tree import points_of
 from skipnet.storage import write_bytes, write_text
 from skipnet.types import Pair
-
-if TYPE_CHECKING:
-    pass
 
 PAIR_OUTPUTS = ("result.json", "before_after.png", "report.html")
 SIMULATED_FAMILY = "paper_room"
@@ -48,6 +48,8 @@ class Choices:
     """Of the coordinates in the files."""
     format: str = "auto"
     """Extension of the clouds to write, beside PLY; "auto" takes that of the files."""
+    prior: Prior | None = None
+    """A pose that somebody believes in, judged like any other."""
     colour_by_scan: bool = False
     """Merged scans get one colour each, also where they have colours of their own."""
 
@@ -69,12 +71,11 @@ def register_pair_files(
     """
     names = output_names("aligned", [source], choices.format)
     check_not_overwritten([source, target], output_dir, [*PAIR_OUTPUTS, *names])
-    given = [read_given(path, choices.unit) for path in (source, target)]
-    with new_results(output_dir) as folder:
-        result = _register(given[0], given[1], choices)
-        _write_pair(given[0], given[1], result, folder, names, choices.seed)
-    announce(str(result), given, output_dir)
-    return result
+    given = []
+    for path in (source, target):
+        tell(f"reading {path.name}")
+        given.append(read_given(path, choices.unit))
+    return _register_and_write(given, output_dir, names, choices)
 
 
 def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
@@ -85,6 +86,7 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
     from skipnet.simulation.scanning.pairs import simulate_pair
     from skipnet.simulation.seeds import DEMO
 
+    tell("simulating two scans")
     pair = simulate_pair(SIMULATED_FAMILY, DEMO.scene(choices.seed)).pair
     given = []
     for name, points_m in (("source", pair.source_m), ("target", pair.target_m)):
@@ -95,9 +97,20 @@ def register_simulated_pair(output_dir: Path, choices: Choices) -> Registration:
         for scan in given:
             write_cloud(folder / scan.path.name, scan.cloud)
         result = _register(given[0], given[1], choices)
-        _write_pair(given[0], given[1], result, folder, names, choices.seed)
-    announce(str(result), given, output_dir)
+        closing = write_pair(given[0], given[1], result, folder, names, choices.seed)
+    announce(str(result), closing, given, output_dir)
     print(_compare_with_truth(result, pair))
+    return result
+
+
+def _register_and_write(
+    given: Sequence[Given], output_dir: Path, names: Sequence[str], choices: Choices
+) -> Registration:
+    source, target = given
+    with new_results(output_dir) as folder:
+        result = _register(source, target, choices)
+        closing = write_pair(source, target, result, folder, names, choices.seed)
+    announce(str(result), closing, given, output_dir)
     return result
 
 
@@ -112,41 +125,55 @@ def _register(source: Given, target: Given, choices: Choices) -> Registration:
         voxel_size_m=choices.voxel_size_m,
         seed=choices.seed,
         config=choices.registration,
+        prior=choices.prior,
     )
 
 
-def _write_pair(
+def write_pair(
     source: Given,
     target: Given,
     result: Registration,
     folder: Path,
     names: Sequence[str],
     seed: int,
-) -> None:
-    """Write all results of a pair into a folder."""
+) -> list[tuple[str, str]]:
+    """Write all results of a pair into a folder.
+
+    Returns:
+        The rows of the closing table.
+    """
     from skipnet.viz.pictures import draw_before_after
     from skipnet.viz.views import png_bytes
 
+    tell("drawing")
     drawn_m = points_of(source.points_m), points_of(target.points_m)
     png = png_bytes(draw_before_after(*drawn_m, result.T_target_source))
     given = {"source": source, "target": target}
     described = {name: scan.description for name, scan in given.items()}
     inputs = {name: str(scan.path) for name, scan in given.items()}
     facts = {name: scan.facts for name, scan in given.items()}
+    tell("writing")
     write_aligned(source, target, result.T_target_source, folder, names)
     write_bytes(folder / "before_after.png", png)
+    lengths = Lengths(target.cloud.unit)
     view, residuals_m = pair_viewer(source, target, result)
-    page = pair_page(result, described, view, residuals_m, png, seed)
+    page = pair_page(result, described, view, residuals_m, png, seed, lengths)
     write_text(folder / "report.html", page)
-    write_text(folder / "result.json", result_json(result, inputs, facts, seed))
+    write_text(folder / "result.json", result_json(result, inputs, facts, seed, lengths))
+    written = sorted(path.name for path in folder.iterdir())
+    return closing_rows(result, residuals_m, lengths, written)
 
 
-def announce(outcome: str, scans: Sequence[Given], output_dir: Path) -> None:
-    """The outcome on the terminal, below what the readers had to decide."""
+def announce(
+    outcome: str, rows: Sequence[tuple[str, str]], scans: Sequence[Given], output_dir: Path
+) -> None:
+    """The outcome on the terminal with its table, below what the readers had to decide."""
+    clear()
     for scan in scans:
         for note in scan.cloud.notes:
             print(f"{scan.cloud.name}: {note}")
     print(outcome)
+    print("\n".join(f"  {name:<12} {words}" for name, words in rows))
     print(f"Look at {output_dir / 'report.html'}")
 
 

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 
+from skipnet.storage import UNFINISHED, naming
+
 RESULTS = (
     "result.json",
     "aligned.*",
@@ -29,21 +31,26 @@ RESULTS = (
 def new_results(folder: Path) -> Iterator[Path]:
     """Yield an empty folder inside ``folder``; move its files up once the block succeeds.
 
-    Results of an earlier run, of whatever kind, go in the same moment, and a line says so. After an
-    error everything is as it was. Runs that end at the same time do so one after the other.
+    Results of an earlier run, of whatever kind, go in the same moment; what will go is said before.
+    After an error everything is as it was. The caller owns the folder (``storage.owned``).
 
     Raises:
-        OSError: the results cannot be written; it names the folder.
+        OSError: the results cannot be written; it names the file, or the folder.
     """
     is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(dir=folder, prefix=".unfinished."))
+    if old := _earlier(folder):
+        print(f"{folder}: results of an earlier run will be replaced: {', '.join(old)}", flush=True)
+    staging = Path(tempfile.mkdtemp(dir=folder, prefix=UNFINISHED))
     try:
-        yield staging
-        _move(staging, folder)
+        with naming(folder):
+            yield staging
+            _move(staging, folder)
     except OSError as error:
-        if error.filename is None:
-            raise OSError(f"{folder}: cannot write the results: {error}") from error
+        # What could not be written is named as it would have been called, not as it is not yet.
+        if error.filename is not None and Path(os.fsdecode(error.filename)).parent == staging:
+            named = folder / Path(os.fsdecode(error.filename)).name
+            raise OSError(error.errno, error.strerror, str(named)) from error
         raise
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -51,31 +58,24 @@ def new_results(folder: Path) -> Iterator[Path]:
             folder.rmdir()
 
 
+def _earlier(folder: Path) -> list[str]:
+    """Names of the results that are in the folder."""
+    return sorted(
+        path.name
+        for path in folder.iterdir()
+        if path.is_file() and any(fnmatch(path.name, pattern) for pattern in RESULTS)
+    )
+
+
 def _move(staging: Path, folder: Path) -> None:
-    with _locked(folder):
-        fresh = sorted(path.name for path in staging.iterdir())
-        old = sorted(
-            path.name
-            for path in folder.iterdir()
-            if path.is_file() and any(fnmatch(path.name, pattern) for pattern in RESULTS)
-        )
-        if old:
-            print(f"Replacing the results of an earlier run in {folder}: {', '.join(old)}")
-        for name in old:
-            if name not in fresh:
-                (folder / name).unlink()
-        for name in fresh:
-            os.replace(staging / name, folder / name)
+    """Replace what is there; the JSON file goes first and comes last: with it the rest is whole."""
+    fresh = sorted((path.name for path in staging.iterdir()), key=_is_sign)
+    for name in sorted(_earlier(folder), key=_is_sign, reverse=True):
+        if name not in fresh or _is_sign(name):
+            (folder / name).unlink()
+    for name in fresh:
+        os.replace(staging / name, folder / name)
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold a folder against other runs; they wait for the moment that moving files takes."""
-    import fcntl
-
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
+def _is_sign(name: str) -> bool:
+    return name.endswith(".json")

@@ -10,9 +10,10 @@ import numpy as np
 
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.reading import SUPPORTED, read_chunks, read_cloud, read_scans
+from skipnet.scans.given import viewpoint_of
 from skipnet.scans.scan import Viewpoint, checked
 from skipnet.skipmap.streaming import thin_chunks
-from skipnet.skipmap.tree import Points, SkipTree
+from skipnet.skipmap.tree import Points, SkipTree, points_of
 
 LARGE_FILE_BYTES = 1 << 28
 """Larger files are thinned while they are read, and are never in memory as a whole."""
@@ -33,6 +34,8 @@ class Given:
     cloud: Cloud
     """The scan as it was read; of a large file its first piece, for what it says of the others."""
     unit: str = "auto"
+    is_whole: bool = False
+    """The cloud is all that there is, though ``points_m`` be voxels."""
 
     @property
     def is_large(self) -> bool:
@@ -41,14 +44,13 @@ class Given:
 
     def pieces(self) -> Iterator[Cloud]:
         """The whole scan; a large file is read again, so that every point of it comes."""
-        if not self.is_large:
+        if self.is_whole or not self.is_large:
             return iter([self.cloud])
         return (piece.finite() for piece in read_chunks(self.path, self.unit))
 
     def viewpoint(self, chosen: Viewpoint) -> Viewpoint:
         """The sensor's position: the chosen one; for "auto" the file's, if it has one."""
-        known = isinstance(chosen, str) and self.cloud.viewpoint_m is not None
-        return self.cloud.viewpoint_m if known else chosen
+        return viewpoint_of(self.cloud) if isinstance(chosen, str) else chosen
 
     @property
     def description(self) -> str:
@@ -73,6 +75,13 @@ class Given:
             count = self.points_m.moments.count.sum()
             return f"{count:,.0f} points, read into {len(self.points_m):,} voxels"
         return f"{len(self.cloud):,} points"
+
+
+def given_cloud(cloud: Cloud | SkipTree, name: str) -> Given:
+    """A scan that is in memory already."""
+    if isinstance(cloud, SkipTree):
+        return Given(Path(name), cloud, Cloud(points_of(cloud), name=name), is_whole=True)
+    return Given(Path(cloud.name or name), cloud.points_m, cloud, is_whole=True)
 
 
 def read_given(path: Path, unit: str = "auto") -> Given:

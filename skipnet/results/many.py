@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.progress import tell
+from skipnet.results.closing import many_rows
 from skipnet.results.clouds import output_names, write_merged
 from skipnet.results.files import Choices, announce
 from skipnet.results.folder import new_results
@@ -26,8 +28,6 @@ if TYPE_CHECKING:
 SCANS_OUTPUTS = ("poses.json", "scans.png", "report.html")
 MAX_PLANS = 4
 """Groups of which the plan is drawn."""
-LONG_STAGE = 20
-"""Pairs from which on progress is told."""
 
 
 def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choices) -> Assembly:
@@ -43,32 +43,44 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
     """
     names = output_names("merged", paths, choices.format)
     check_not_overwritten(paths, output_dir, [*SCANS_OUTPUTS, *names])
+    tell("reading the scans")
     scans = read_given_scans(paths, choices.unit)
     from skipnet.projects.register import register_many
 
-    result = register_many(
-        [scan.points_m for scan in scans],
-        viewpoints=[scan.viewpoint("auto") for scan in scans],
-        voxel_size_m=choices.voxel_size_m,
-        seed=choices.seed,
-        config=choices.registration,
-        folder=output_dir,
-        progress=_tell,
-    )
-    labels = [scan.cloud.name for scan in scans]
     with new_results(output_dir) as folder:
-        view, png = _write_groups(scans, result, folder, names, choices)
-        page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
-        write_text(folder / "report.html", page)
-        write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
-    announce(f"{result.outcome}: {result.reason}", scans, output_dir)
+        result = register_many(
+            [scan.points_m for scan in scans],
+            viewpoints=[scan.viewpoint("auto") for scan in scans],
+            voxel_size_m=choices.voxel_size_m,
+            seed=choices.seed,
+            config=choices.registration,
+            folder=output_dir,
+            progress=tell,
+        )
+        rows = write_many(scans, result, folder, names, choices)
+    announce(str(result), rows, scans, output_dir)
     return result
 
 
-def _tell(stage: str, done: int, of: int) -> None:
-    """A line on the terminal at every tenth of a long stage."""
-    if of >= LONG_STAGE and done and (10 * done) // of > (10 * (done - 1)) // of:
-        print(f"{stage}: {done} of {of}", flush=True)
+def write_many(
+    scans: Sequence[Given],
+    result: Assembly,
+    folder: Path,
+    names: Sequence[str],
+    choices: Choices,
+) -> list[tuple[str, str]]:
+    """Write all results of many scans into a folder.
+
+    Returns:
+        The rows of the closing table.
+    """
+    tell("drawing and writing")
+    labels = [scan.cloud.name for scan in scans]
+    view, png = _write_groups(scans, result, folder, names, choices)
+    page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
+    write_text(folder / "report.html", page)
+    write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
+    return many_rows(result, sorted(path.name for path in folder.iterdir()))
 
 
 def _write_groups(

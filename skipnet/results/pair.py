@@ -11,6 +11,7 @@ import numpy as np
 
 from skipnet.provenance import versions
 from skipnet.registration.result import Registration
+from skipnet.results.lengths import Lengths
 from skipnet.results.views import advice, words_of
 from skipnet.storage import plain
 from skipnet.types import FloatArray
@@ -24,6 +25,7 @@ def result_json(
     inputs: Mapping[str, str],
     facts: Mapping[str, Sequence[str]],
     seed: int,
+    lengths: Lengths,
 ) -> str:
     """``result.json``: every field of the result, transforms as lists, and where it came from.
 
@@ -32,9 +34,14 @@ def result_json(
         inputs: "source" and "target" with their paths.
         facts: what was read of each, beside its points.
         seed: of the run.
+        lengths: the unit of the target's file; where that is not the metre, the pose is given in
+            it, too, as ``T_target_source_in_unit``.
     """
+    in_unit = lengths.pose(result.T_target_source)
     content = {
         **registration_fields(result),
+        "unit": lengths.unit,
+        **({} if lengths.unit == "m" else {"T_target_source_in_unit": in_unit}),
         "inputs": dict(inputs),
         "read": {name: list(words) for name, words in facts.items()},
         "seed": seed,
@@ -50,6 +57,7 @@ def pair_page(
     residuals_m: FloatArray,
     png: bytes,
     seed: int,
+    lengths: Lengths,
 ) -> str:
     """``report.html`` of a pair.
 
@@ -60,6 +68,7 @@ def pair_page(
         residuals_m: (N,) distances of the source's points from the target.
         png: the picture before and after.
         seed: of the run.
+        lengths: how to speak of them.
     """
     words = words_of(result)
     tips = advice(result)
@@ -73,8 +82,12 @@ def pair_page(
         html.section("In 3-D", view),
         html.section(
             "Residuals",
-            html.paragraph(_residuals(residuals_m, result.voxel_size_m)),
-            html.histogram(1000 * residuals_m, 1000 * result.voxel_size_m, "mm"),
+            html.paragraph(_residuals(residuals_m, result.voxel_size_m, lengths)),
+            html.histogram(
+                lengths.in_small(1.0) * residuals_m,
+                lengths.in_small(result.voxel_size_m),
+                lengths.small_unit,
+            ),
         ),
         html.section(
             "From above and from the side",
@@ -84,7 +97,8 @@ def pair_page(
             words.heading,
             html.paragraph("p_target = T_target_source p_source, in metres, after fine alignment:"),
             html.matrix(result.T_target_source),
-            html.paragraph(_uncertainty(result)),
+            *_in_unit(result.T_target_source, lengths),
+            html.paragraph(_uncertainty(result, lengths)),
             html.paragraph("Before fine alignment:"),
             html.matrix(result.T_target_source_coarse),
         ),
@@ -108,20 +122,32 @@ def registration_fields(result: Registration) -> dict[str, Any]:
     }
 
 
-def _residuals(residuals_m: FloatArray, voxel_size_m: float) -> str:
+def _in_unit(T_target_source: FloatArray, lengths: Lengths) -> list[str]:
+    """The pose in the unit of the files, where that is another than the metre."""
+    if lengths.unit == "m":
+        return []
+    return [
+        html.paragraph(f"The same in {lengths.unit}, the unit of the target's file:"),
+        html.matrix(lengths.pose(T_target_source)),
+    ]
+
+
+def _residuals(residuals_m: FloatArray, voxel_size_m: float, lengths: Lengths) -> str:
     """The residuals in words."""
     near_m = residuals_m[residuals_m < voxel_size_m]
     share = len(near_m) / max(len(residuals_m), 1)
     text = (
         "How far the source's points lie from the nearest point of the target in the pose above. "
-        f"{share:.0%} lie within one voxel ({1000 * voxel_size_m:.3g} mm)"
+        f"{share:.0%} lie within one voxel ({lengths.small(voxel_size_m)})"
     )
     return (
-        f"{text}, half of these within {1000 * np.median(near_m):.3g} mm." if share else text + "."
+        f"{text}, half of these within {lengths.small(float(np.median(near_m)))}."
+        if share
+        else text + "."
     )
 
 
-def _uncertainty(result: Registration) -> str:
+def _uncertainty(result: Registration, lengths: Lengths) -> str:
     """How exact the pose is, if it is right; empty where nothing was matched."""
     found = result.findings
     if found is None:
@@ -129,7 +155,7 @@ def _uncertainty(result: Registration) -> str:
     turn_deg = math.degrees(found.rotation_std_rad)
     return (
         "If the pose is right, the scatter of the matched surfaces leaves a standard deviation of "
-        f"{1000 * found.position_std_m:.3g} mm at their centre and of {turn_deg:.2g} deg."
+        f"{lengths.small(found.position_std_m)} at their centre and of {turn_deg:.2g} deg."
     )
 
 

@@ -11,10 +11,12 @@ from skipnet.clouds.cloud import Cloud
 from skipnet.geometry import transform_points
 from skipnet.registration.result import Registration
 from skipnet.results.inputs import LARGEST_SCENE_M, Given
+from skipnet.results.skipmaps import matched_features, skipmaps_of
 from skipnet.skipmap.tree import points_of
 from skipnet.types import FloatArray, Status
 from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR, scan_colour
-from skipnet.viz.viewer import ViewedPose, ViewedScan, viewer
+from skipnet.viz.viewed import ViewedPose, ViewedScan
+from skipnet.viz.viewer import MOST_POINTS, viewer
 
 _MOST_MEASURED = 200_000
 _FAR_EXTENTS = 5.0
@@ -56,38 +58,47 @@ def words_of(result: Registration) -> PoseWords:
     return NOTHING if result.findings is None else WORDS[Status(result.status)]
 
 
-def pair_viewer(source: Given, target: Given, result: Registration) -> tuple[str, FloatArray]:
+def pair_viewer(
+    source: Given, target: Given, result: Registration, most: int = MOST_POINTS
+) -> tuple[str, FloatArray]:
     """The view of a pair, and the (N,) residuals of the source's points in the pose.
 
     Args:
         source: the scan that was moved.
         target: the scan that stayed.
         result: of the registration.
+        most: points to show.
     """
     source_m, target_m = points_of(source.points_m), points_of(target.points_m)
     T = result.T_target_source
     moved_m = transform_points(T, source_m)
     away_m = _distances_m(moved_m, target_m), _distances_m(target_m, moved_m)
     names = (f"source: {source.path.name}", f"target: {target.path.name}")
+    described = skipmaps_of(result)
     tints = (SOURCE_COLOUR, TARGET_COLOUR)
     scans = [
-        ViewedScan(name, points_m, tint, None if scan.is_large else scan.cloud.colour, residuals_m)
-        for name, points_m, tint, scan, residuals_m in zip(
-            names, (source_m, target_m), tints, (source, target), away_m, strict=True
+        ViewedScan(
+            name, points_m, tint, None if scan.is_large else scan.cloud.colour, residuals_m, skipmap
+        )
+        for name, points_m, tint, scan, residuals_m, skipmap in zip(
+            names, (source_m, target_m), tints, (source, target), away_m, described, strict=True
         )
     ]
     poses = [_before(source_m, target_m), *_candidates(result)]
-    return viewer(scans, poses, min(1, len(poses) - 1), result.voxel_size_m / 2), away_m[0]
+    start = min(1, len(poses) - 1)
+    matches = matched_features(described, result)
+    view = viewer(scans, poses, start, result.voxel_size_m / 2, most, matches)
+    return view, away_m[0]
 
 
-def placed_viewer(placed: Sequence[Cloud], names: Sequence[str]) -> str:
+def placed_viewer(placed: Sequence[Cloud], names: Sequence[str], most: int = MOST_POINTS) -> str:
     """The view of many scans that are in one frame already."""
     scans = [
         ViewedScan(name, cloud.points_m, scan_colour(number), cloud.colour)
         for number, (cloud, name) in enumerate(zip(placed, names, strict=True))
     ]
     note = "Every scan that found its place."
-    return viewer(scans, [ViewedPose("placed", note, [np.eye(4)] * len(scans))])
+    return viewer(scans, [ViewedPose("placed", note, [np.eye(4)] * len(scans))], most=most)
 
 
 def _before(source_m: FloatArray, target_m: FloatArray) -> ViewedPose:
@@ -148,7 +159,7 @@ def advice(result: Registration) -> list[str]:
     found = result.findings
     if found is not None and len(found.alternatives):
         tips.append(
-            "Other poses fit nearly as well: look at the alternatives above. A scan taken between "
+            "Other poses fit nearly as well: look at the alternatives below. A scan taken between "
             "the two places, or one that sees what differs, settles it."
         )
     if found is not None and len(found.free_directions) + len(found.free_turns):

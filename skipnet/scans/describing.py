@@ -16,7 +16,7 @@ from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image
 from skipnet.scans.record import Record
-from skipnet.scans.scan import MIN_TRUST, Scan, Viewpoint
+from skipnet.scans.scan import MIN_TRUST, AutoAt, Scan, Viewpoint
 from skipnet.scans.viewpoint import trust_in
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
@@ -80,10 +80,11 @@ def _describe_one(
     T_own_given = invert(T_given_own)
     fine_tree = build_tree(cloud_m, voxel_size_m / 2, np.zeros(3), T_own_given)
     levels = _levels(fine_tree)
-    is_given = not (viewpoint is None or isinstance(viewpoint, str))
+    is_given = not (viewpoint is None or isinstance(viewpoint, str | AutoAt))
     place_m = T_own_given[:3, 3]
-    if is_given:
-        place_m = transform_points(T_own_given, np.array([viewpoint], np.float64))[0]
+    if is_given or isinstance(viewpoint, AutoAt):
+        given_m = viewpoint.place_m if isinstance(viewpoint, AutoAt) else viewpoint
+        place_m = transform_points(T_own_given, np.array([given_m], np.float64))[0]
     trust = 0.0 if viewpoint is None else trust_in(*levels[:2], place_m, is_given)
     image = None
     if trust > 0:

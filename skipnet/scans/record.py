@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from skipnet.clouds.formats.arrays import read_archive
 from skipnet.scans.range_image import RangeImage
 from skipnet.skipmap.moments import Moments
 from skipnet.skipmap.tree import SkipTree
@@ -66,10 +66,10 @@ def read_record(path: Path) -> Record:
         ValueError: a file that is damaged, or of another format.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            part = {name: file[name] for name in file.files}
+        part = read_archive(path)
         if part["format"] != FORMAT:
             raise ValueError(f"format {part['format']}, expected {FORMAT}")
+        _check(part)
         tree = SkipTree(
             float(part["voxel_size_m"]), part["origin_m"], part["keys"], Moments(part["sums"])
         )
@@ -82,5 +82,26 @@ def read_record(path: Path) -> Record:
             trust=float(part["trust"]),
             seed=int(part["seed"]),
         )
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path} is no described scan: {error}") from error
+
+
+def _check(part: dict[str, np.ndarray]) -> None:
+    """Refuse what the compiled loops would read beyond: they ask nothing."""
+    keys, bins = part["keys"], part["nearest_m"]
+    fits = (
+        keys.dtype == np.int64
+        and keys.ndim == 1
+        and len(keys) > 0
+        and bool((np.diff(keys) > 0).all())
+        and part["sums"].shape == (len(keys), 10)
+        and part["T_given_own"].shape == (4, 4)
+        and part["origin_m"].shape == part["viewpoint_m"].shape == (3,)
+        and bins.ndim == 2
+        and bins.shape[0] == bins.shape[1]
+        and part["voxel_size_m"] > 0
+        and all(part[name].dtype.kind == "f" for name in ("sums", "T_given_own", "nearest_m"))
+        and all(np.isfinite(part[name]).all() for name in ("sums", "T_given_own", "nearest_m"))
+    )
+    if not fits:
+        raise ValueError("its arrays do not fit each other")

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
 from skipnet.clouds.cleaning import validate
+from skipnet.features.fpfh import fpfh
 from skipnet.features.keypoints import Corners, Lines, find_corners, find_lines
 from skipnet.features.patches import feature_voxels
 from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import transform_points
-from skipnet.networks.describing import classify_voxels
+from skipnet.networks.describing import Keypoints, classify_voxels, describe_keypoints
 from skipnet.networks.model import Model
 from skipnet.scans.evidence import Evidence
 from skipnet.scans.record import Record
-from skipnet.scans.sparse import thin
+from skipnet.scans.sparse import Thinned, thin
 from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.skipmap.tree import Points, SkipTree
 from skipnet.types import FeatureClass, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from small_gicp import KdTree, PointCloud
-
 
 MIN_RESOLVED = 0.75
 """Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
@@ -36,7 +32,16 @@ MIN_TRUST = 0.5
 """Normals are turned to a sensor's place that is trusted so far; a half-trusted plane's side is as
 likely wrong as right."""
 
-Viewpoint = str | FloatArray | list[float] | None
+
+@dataclass(frozen=True)
+class AutoAt:
+    """To be found out whether the sensor stood here, as "auto" does of the frame's origin."""
+
+    place_m: tuple[float, float, float]
+    """In the scan's frame: such as the offset of a LAS file, where its own frame began."""
+
+
+Viewpoint = str | FloatArray | list[float] | AutoAt | None
 """Sensor position (3,) in the scan's frame, None when unknown, or "auto" to find out."""
 
 
@@ -83,10 +88,14 @@ class Scan:
     """For the judge."""
     network: Model
     """What recognises and classifies its voxels."""
+    described: dict[tuple[str, bool], Keypoints] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+    """What ``keypoints`` has worked out so far; every pair of which the scan is part has it."""
 
     def __getstate__(self) -> dict[str, object]:
         """The fields alone: what is worked out on demand holds trees of a library, and is again."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     @property
     def T_given_own(self) -> FloatArray:
@@ -136,15 +145,27 @@ class Scan:
         return self.fine_skipmap.counts.sum() < MIN_RESOLVED * self.fine_tree.moments.count.sum()
 
     @cached_property
-    def thinned(self) -> tuple[PointCloud, KdTree]:
+    def thinned(self) -> Thinned:
         """What fine alignment of sparse scans needs."""
         return thin(self.fine_tree.centroids_m, self.skipmap.voxel_size_m)
+
+    @cached_property
+    def histograms(self) -> FloatArray:
+        """(V, 33) FPFH of every voxel."""
+        return fpfh(self.skipmap)
 
     @cached_property
     def features(self) -> FeatureVoxels:
         """The classified feature voxels; the network runs when they are first asked for."""
         rows = feature_voxels(self.skipmap)
         return FeatureVoxels(rows, classify_voxels(self.skipmap, rows, self.network))
+
+    def keypoints(self, network: Model, both_sides: bool) -> Keypoints:
+        """What ``describe_keypoints`` says, worked out when it is first asked for."""
+        key = network.digest, both_sides
+        if key not in self.described:
+            self.described[key] = describe_keypoints(self.skipmap, network, both_sides)
+        return self.described[key]
 
     @cached_property
     def corners(self) -> Corners:
@@ -164,11 +185,11 @@ class Scan:
         edge = self.features.classes == FeatureClass.EDGE
         return find_lines(self.skipmap, self.features.rows[edge])
 
-    def valued(self, feature_weight: float) -> Scan:
-        """The same scan, each voxel judged by what it is worth, those of edges and corners by so
+    def valued_evidence(self, feature_weight: float) -> Evidence:
+        """The evidence, each voxel judged by what it is worth, those of edges and corners by so
         many times as much."""
         worth = voxel_worth(self.skipmap, self.planes)
         if feature_weight != 1:
             features = self.features
             worth[features.rows[features.classes != FeatureClass.PLANE]] *= feature_weight
-        return replace(self, evidence=self.evidence.valued(worth))
+        return self.evidence.valued(worth)

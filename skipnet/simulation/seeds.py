@@ -79,6 +79,7 @@ VIGILANCE_APART = SeedRange("vigilance, scans that share nothing", 141_000, 9000
 ACCURACY = SeedRange("accuracy", 150_000, 1000)
 PROJECTS = SeedRange("projects", 160_000, 10_000)
 """Many scans of one site."""
+INVARIANTS = SeedRange("invariants", 180_000, 1000)
 DEMO = SeedRange("demo", 170_000, 10_000)
 """What ``register.py`` shows without arguments, and the pictures of the documentation."""
 
@@ -87,6 +88,7 @@ RANGES = (
     *(DEEP_VALIDATION, DEEP_TEST, DEEP_TRAINING),
     *(CALIBRATION, TUNING),
     *(BENCHMARK, SPEED, OVERLAP, VIGILANCE, VIGILANCE_APART, ACCURACY, PROJECTS, DEMO),
+    INVARIANTS,
 )
 """All of them; a test holds that no two share a seed."""
 FIRST_MEASURED = 100_000

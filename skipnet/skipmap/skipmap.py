@@ -58,6 +58,9 @@ class SkipMap:
     def __len__(self) -> int:
         return len(self.keys)
 
+    def __str__(self) -> str:
+        return f"{len(self):,} effective voxels of {self.voxel_size_m:.4g} m"
+
     @property
     def cells(self) -> IntArray:
         """(V, 3) int64 cells."""

@@ -37,6 +37,7 @@ from skipnet.types import Pair
 from skipnet.viz.tables import Table
 
 FPFH = "FPFH"
+LOW_OVERLAP = 0.35
 
 Matches = dict[str, dict[str, list[Match]]]
 """Of each descriptor and set."""
@@ -68,7 +69,8 @@ def compare(pairs: Iterable[Pair], descriptors: dict[str, Model]) -> Matches:
         }
         found[FPFH] = match(turned, partial(by_fpfh, keypoints=keypoints))
         for name, one in found.items():
-            matches[name].setdefault(pair.set_name, []).append(one)
+            known = one if pair.overlap is None else replace(one, overlap=pair.overlap)
+            matches[name].setdefault(pair.set_name, []).append(known)
     return matches
 
 
@@ -99,7 +101,7 @@ def ratios_of(of_sets: dict[str, list[Match]]) -> dict[str, float]:
 
 
 def ratios_table(matches: Matches) -> Table:
-    """Inlier ratio per set and descriptor, and the mean over sets."""
+    """Inlier ratio per set and descriptor, the mean over sets, and over pairs that share little."""
     ratios = {name: ratios_of(of_sets) for name, of_sets in matches.items()}
     rows = [
         (name, str(len(ones)), *_cells(ratio[name] for ratio in ratios.values()))
@@ -107,7 +109,19 @@ def ratios_table(matches: Matches) -> Table:
     ]
     means = (float(np.mean(list(ratio.values()))) for ratio in ratios.values())
     rows.append(("mean of sets", str(sum(map(len, matches[FPFH].values()))), *_cells(means)))
+    low = {
+        name: [one.inlier_ratio for ones in of_sets.values() for one in ones if is_low(one)]
+        for name, of_sets in matches.items()
+    }
+    if low[FPFH]:
+        shares = (float(np.mean(ones)) for ones in low.values())
+        rows.append((f"overlap under {LOW_OVERLAP:.0%}", str(len(low[FPFH])), *_cells(shares)))
     return Table("Inlier ratio", ("set", "pairs", *matches), tuple(rows))
+
+
+def is_low(match: Match) -> bool:
+    """Whether the two scans share little."""
+    return match.overlap < LOW_OVERLAP
 
 
 def totals_table(matches: Matches) -> Table:

@@ -39,6 +39,8 @@ from skipnet.viz.tables import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OUR_DATASETS = "skipnet.benchmark.datasets."
+"""Where the data sets lie that a run of anyone may name."""
 HEADERS = (
     *("pair", "overlap", "status", "inliers offered"),
     *("reference: overlap", "violation", "score", "answer: overlap", "violation", "score", "why"),
@@ -121,6 +123,23 @@ def _file_name(miss: Miss) -> str:
     return miss.pair.name.replace("/", "_").replace(", ", "_")
 
 
+def _config_of(path: Path) -> EvaluateConfig:
+    """The options of a run, which may be a stranger's: they name data, and no code but ours."""
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
+
+    try:
+        found = OmegaConf.merge(OmegaConf.structured(EvaluateConfig), OmegaConf.load(path))
+        config: EvaluateConfig = OmegaConf.to_object(found)  # type: ignore[assignment]
+    except (YAMLError, OmegaConfBaseException, OSError, ValueError, RecursionError) as error:
+        message = " ".join(str(error).split())[:160]
+        raise ValueError(f"{path}: no options of evaluate.py: {message}") from error
+    if not config.dataset.startswith(OUR_DATASETS):
+        raise ValueError(f"{path}: dataset={config.dataset}: expected one of {OUR_DATASETS}*")
+    return config
+
+
 def find_misses(folder: Path, method: str = "skipnet") -> Iterator[Miss]:
     """The pairs of a run for which a method gave a wrong pose, each looked into.
 
@@ -131,14 +150,9 @@ def find_misses(folder: Path, method: str = "skipnet") -> Iterator[Miss]:
     Raises:
         ValueError: no run, or no answers of the method, are in the folder.
     """
-    from omegaconf import OmegaConf
-
     if not (folder / "config.yaml").is_file():
         raise ValueError(f"{folder} holds no run of evaluate.py: expected a config.yaml there")
-    merged = OmegaConf.merge(
-        OmegaConf.structured(EvaluateConfig), OmegaConf.load(folder / "config.yaml")
-    )
-    config: EvaluateConfig = OmegaConf.to_object(merged)  # type: ignore[assignment]
+    config = _config_of(folder / "config.yaml")
     answers = {p.pair: p for p in read_predictions(folder / PREDICTIONS_FILE) if p.method == method}
     if not answers:
         raise ValueError(f"{folder} holds no answers of {method}: take a run that has some")
@@ -175,7 +189,10 @@ def explain(pair: Pair, answer: Prediction) -> Miss:
 def judge_closely(T_target_source: FloatArray, source: Scan, target: Scan) -> Score:
     """What a registration's last judgement would say of (C, 4, 4) poses that come close."""
     config = RegistrationConfig()
-    judge = Judge(source.evidence, target.evidence, config.final_samples, config.violation_weight)
+    evidence_s, evidence_t = (
+        scan.valued_evidence(config.feature_weight) for scan in (source, target)
+    )
+    judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
     return judge.closer(T_target_source, judge.score(T_target_source))
 
 

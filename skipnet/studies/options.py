@@ -118,6 +118,36 @@ class ProjectsConfig(SimulatedStudyConfig):
 
 
 @dataclass
+class FuzzConfig(SimulatedStudyConfig):
+    """Is every damaged file read or refused in one line?"""
+
+    files: int = 5000
+    """Of each format that we read ourselves, and a fifth of each that libraries read."""
+    formats: list[str] = field(default_factory=list)
+    """Extensions without their dot; empty takes all."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.files >= 5, "files", self.files, "5 or more")
+
+
+@dataclass
+class InvariantsConfig(SimulatedStudyConfig):
+    """What may a change of the scans change?"""
+
+    pairs: int = 5
+    """Of each family of simulated scenes."""
+    data: str | None = None
+    """Folder with a pairs.json, whose pairs are changed too."""
+    most_per_set: int | None = None
+    """Of the folder: at most so many pairs of each set; null takes all."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.pairs >= 1, "pairs", self.pairs, "1 or more")
+
+
+@dataclass
 class PicturesConfig(StudyConfig):
     """Draw the pictures of the documentation."""
 
@@ -147,6 +177,8 @@ STUDIES: dict[str, type[StudyConfig]] = {
     "misses": MissesConfig,
     "inliers": InliersConfig,
     "projects": ProjectsConfig,
+    "fuzz": FuzzConfig,
+    "invariants": InvariantsConfig,
     "pictures": PicturesConfig,
     "results": ResultsConfig,
 }

@@ -19,8 +19,9 @@ from typing import Any
 
 from skipnet.benchmark.reporting.pages import run_versions
 from skipnet.checks import check_known
+from skipnet.progress import say
 from skipnet.provenance import machine
-from skipnet.storage import write_text
+from skipnet.storage import read_json, write_text
 from skipnet.studies.measured import BLOCKS, Block
 from skipnet.studies.options import ResultsConfig
 from skipnet.studies.overview import overview
@@ -62,7 +63,7 @@ def chosen(config: ResultsConfig) -> list[Block]:
     wanted = [block for block in BLOCKS if not config.only or block.name in config.only]
     for block in wanted:
         if block.needs_data and config.data is None:
-            print(f"{block.name}: left out, it needs data=FOLDER", file=sys.stderr)
+            say(f"{block.name}: left out, it needs data=FOLDER")
     return [block for block in wanted if config.data is not None or not block.needs_data]
 
 
@@ -80,7 +81,7 @@ def measure(block: Block, config: ResultsConfig, commit: str) -> None:
         shutil.rmtree(folder)
     state = {"commit": commit, "arguments": arguments, "small": config.small}
     write_text(folder / STATE_FILE, json.dumps(state, indent=1))
-    print(f"{block.name}: {block.line}", file=sys.stderr)
+    say(f"{block.name}: {block.line}")
     started = time.monotonic()
     command = [sys.executable, "-m", "skipnet", *arguments, f"output_dir={folder}"]
     code = subprocess.run(command, stdout=subprocess.DEVNULL).returncode
@@ -175,5 +176,4 @@ def _folder(config: ResultsConfig, block: Block) -> Path:
 
 def _read_state(folder: Path) -> dict[str, Any]:
     path = folder / STATE_FILE
-    state: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    return state
+    return read_json(path) if path.exists() else {}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,8 +9,9 @@ from typing import Any, TypeVar
 from skipnet.benchmark.reporting.pages import Report, ReportFigure, run_versions
 from skipnet.networks.catalog import find_network
 from skipnet.parallel.pools import mapping
+from skipnet.progress import clear, say, tell
 from skipnet.provenance import __version__
-from skipnet.storage import append_line, plain, read_lines, write_config
+from skipnet.storage import append_line, parsed, plain, read_lines, write_config
 from skipnet.studies.options import StudyConfig
 from skipnet.viz.tables import Table
 
@@ -43,13 +42,14 @@ def do_all(
     known = _read(path, maker)
     todo = [name for name in jobs if name not in known]
     if len(todo) < len(jobs):
-        print(f"{len(jobs) - len(todo)} of {len(jobs)} were done before", file=sys.stderr)
+        say(f"{len(jobs) - len(todo)} of {len(jobs)} were done before")
     with mapping(workers) as each:
         outcomes = each(work, [jobs[name] for name in todo])
         for number, (name, outcome) in enumerate(zip(todo, outcomes, strict=True), start=1):
             known[name] = plain(outcome)
             append_line(path, {"job": name, "maker": maker, "outcome": known[name]})
-            print(f"[{number}/{len(todo)}] {name}", file=sys.stderr)
+            say(f"[{number}/{len(todo)}] {name}")
+            tell("jobs", number, len(todo))
     return [known[name] for name in jobs]
 
 
@@ -86,6 +86,7 @@ def report(
     folder.mkdir(parents=True, exist_ok=True)
     write_config(config, folder / "config.yaml")
     Report(title, summary, tables, figures).write(folder)
+    clear()
     print("\n".join(table.markdown() for table in tables if not table.folded))
     print("\n".join([*sentences, f"see {folder / 'report.html'}"]))
     return summary
@@ -97,7 +98,12 @@ def _maker() -> str:
 
 
 def _read(path: Path, maker: str) -> dict[str, Outcome]:
-    entries = [json.loads(line) for line in read_lines(path)]
+    entries = [
+        parsed(line, f"{path}, line {number}") for number, line in enumerate(read_lines(path), 1)
+    ]
+    for number, entry in enumerate(entries, start=1):
+        if set(entry) != {"job", "maker", "outcome"} or not isinstance(entry["outcome"], dict):
+            raise ValueError(f"{path}, line {number} is no outcome: choose another output_dir")
     others = {entry["maker"] for entry in entries} - {maker}
     if others:
         raise ValueError(

@@ -23,6 +23,13 @@ class DeepTrainConfig:
     """Pairs of scans that are at hand at a time; each takes 11 MB."""
     uses: float = 6.0
     """Steps that a pair of scans takes part in, on average, before it is thrown away."""
+    first: int = 0
+    """Number of the factory to begin with."""
+    start: str | None = None
+    """Name or file of a deep network to go on from, with its scaling of the inputs; null begins
+    anew. It must have the widths that are asked for."""
+    threads: int = 2
+    """Threads of torch; their number decides the last bits of what is learned."""
     temperature: float = 0.07
     """Cosine similarity that changes the odds of a match e-fold."""
     local_channels: int = 32
@@ -31,7 +38,7 @@ class DeepTrainConfig:
     """Units that sum up a sector, and the whole."""
     output_units: int = 48
     """Numbers of a descriptor."""
-    blocks: int = 2
+    blocks: int = 1
     """Local layers, one after the other."""
     mixed_precision: bool = True
     """Compute in bfloat16 where that will do: twice as fast, also on a processor that has it."""
@@ -47,7 +54,7 @@ class DeepTrainConfig:
     def __post_init__(self) -> None:
         counts = ("steps", "scans_per_step", "patches_per_scans", "window", "validate_every")
         widths = ("local_channels", "hidden_units", "output_units", "blocks")
-        for name in (*counts, *widths, "validation_pairs", "test_pairs"):
+        for name in (*counts, *widths, "threads", "validation_pairs", "test_pairs"):
             require(getattr(self, name) > 0, f"deep.{name}", getattr(self, name), "1 or more")
         for name in ("uses", "temperature"):
             require(getattr(self, name) > 0, f"deep.{name}", getattr(self, name), "above 0")
@@ -56,4 +63,5 @@ class DeepTrainConfig:
         require(per_step >= least, "deep.patches_per_step", per_step, f"{least} or more")
         enough = self.window >= 4 * self.scans_per_step
         require(enough, "deep.window", self.window, f"{4 * self.scans_per_step} or more")
+        require(self.first >= 0, "deep.first", self.first, "0 or more")
         require(self.patience >= 0, "deep.patience", self.patience, "0 or more")

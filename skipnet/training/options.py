@@ -7,6 +7,7 @@ from enum import Enum
 from typing import Any
 
 from skipnet.checks import require
+from skipnet.progress import Terminal
 from skipnet.training.data.options import DataConfig, PatchKind, Split
 from skipnet.training.deep_options import DeepTrainConfig
 from skipnet.training.descriptor_options import DescriptorTrainConfig
@@ -90,7 +91,7 @@ class TrainConfig:
     """Train in float64; scaled conjugate gradient needs it. Weights are stored in float32."""
     ship: bool = False
     """Put the weights and their card into the package too, as those that skipnet.register uses; of
-    two heads only."""
+    two heads, and of the deep network."""
     compare_alone: bool = False
     """Train a network for the classes alone on the same samples, for the same tables."""
     compare_sklearn: bool = False
@@ -99,6 +100,8 @@ class TrainConfig:
     """Of the weights' start, the order of the batches, the random split and the peers."""
     device: Device = Device.cpu
     """cpu, cuda or mps; the same seed gives the same bits on the cpu."""
+    terminal: Terminal = Terminal.table
+    """table: a bar, then what came out; quiet: errors alone; json: one line of JSON."""
     output_dir: str = "runs/train"
     """Folder of the run, relative to where the user stands; one that was interrupted goes on where
     it was."""
@@ -118,7 +121,8 @@ class TrainConfig:
         two_heads = self.network is NetworkKind.two_heads
         alone = "false, or network=two_heads"
         require(two_heads or not self.compare_alone, "compare_alone", self.compare_alone, alone)
-        require(two_heads or not self.ship, "ship", self.ship, "false, or network=two_heads")
+        ships = self.network is not NetworkKind.classes
+        require(ships or not self.ship, "ship", self.ship, "false, or network=two_heads or deep")
         if two_heads:
             self._check_two_heads()
 

@@ -51,8 +51,17 @@ def plain(config: TrainConfig) -> dict[str, Any]:
 def for_card(config: TrainConfig) -> dict[str, Any]:
     """As ``plain``, without what the weights do not depend on."""
     deep = config.network is NetworkKind.deep
-    others = {"output_dir", *(("descriptor", "data") if deep else ("deep",))}
+    others = {"output_dir", "terminal", *(("descriptor", "data") if deep else ("deep",))}
     return {name: value for name, value in plain(config).items() if name not in others}
+
+
+def _flat(options: Mapping[str, Any], above: str = "") -> dict[str, object]:
+    """Nested options by their dotted names."""
+    flat: dict[str, object] = {}
+    for name, value in options.items():
+        is_section = isinstance(value, Mapping)
+        flat |= _flat(value, f"{above}{name}.") if is_section else {f"{above}{name}": value}
+    return flat
 
 
 def log_round(writer: SummaryWriter, record: Record, judgement: Judgement, group: str = "") -> None:
@@ -83,16 +92,7 @@ def log_results(
 ) -> None:
     """The confusion matrix of the unseen scenes, and the run's row among the hyper-parameters."""
     dashboard.log_confusion_matrix(writer, "unseen", counts, CLASS_NAMES)
-    parameters = {
-        "experiment": config.experiment_name,
-        "optimizer": config.optimizer["_target_"],
-        "hidden_sizes": str(config.hidden_sizes),
-        "patch": config.data.patch.value,
-        "learning_rate": config.learning_rate,
-        "epochs": config.epochs,
-        "training_scenes": config.data.training_scenes,
-        "seed": config.seed,
-    }
+    parameters = {"experiment": config.experiment_name, **_flat(for_card(config))}
     unseen = summary["unseen"]["network"]
     scores = {f"hparam/{name}": unseen[name] for name in ("macro_f1", "accuracy")}
     dashboard.log_hyperparameters(writer, parameters, scores)

@@ -15,8 +15,9 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import nn
 
-from skipnet.networks.devices import CPU, fixed_threads
+from skipnet.networks.devices import CPU, THREADS, fixed_threads
 from skipnet.parallel.pools import keep_freed_memory
+from skipnet.progress import tell
 from skipnet.training.checkpoints import load_checkpoint, save_checkpoint
 from skipnet.training.optimizers import OptimizerFactory, ScaledConjugateGradient
 from skipnet.training.schedule import Record, Schedule
@@ -53,6 +54,7 @@ class Trainer(Generic[Network]):
         device: where to compute; on the CPU the same arguments give the same weights.
         on_step: called after every step with its number from 1 and its loss.
         on_round: called after every round.
+        threads: of torch.
 
     Raises:
         ValueError: an optimiser that needs all samples in every step, and a task of mini-batches.
@@ -68,9 +70,10 @@ class Trainer(Generic[Network]):
         device: torch.device = CPU,
         on_step: Callable[[int, float], None] = lambda step, loss: None,
         on_round: Callable[[Record, Judgement], None] = lambda record, judgement: None,
+        threads: int = THREADS,
     ) -> None:
         self.task, self.network, self.schedule = task, network, schedule
-        self.checkpoint, self.device = checkpoint, device
+        self.checkpoint, self.device, self.threads = checkpoint, device, threads
         self.on_step, self.on_round = on_step, on_round
         task.prepare(network, device)
         network.to(device)
@@ -95,9 +98,9 @@ class Trainer(Generic[Network]):
             ValueError: the checkpoint of another training.
         """
         keep_freed_memory()
-        with fixed_threads():
+        with fixed_threads(self.threads):
             if self.checkpoint is not None and self.checkpoint.exists():
-                self._load(load_checkpoint(self.checkpoint, self._identity, self.device))
+                self._resume(self.checkpoint)
             else:
                 self._begin()
             while self.stop_reason is None:
@@ -123,6 +126,7 @@ class Trainer(Generic[Network]):
             loss = self._step(batch)
             summed, counted, self.step = summed + count * loss, counted + count, self.step + 1
             self.on_step(self.step, loss)
+            tell("step", self.step, self.schedule.steps)
         self.network.eval()
         with torch.no_grad():
             judgement = self.task.judge(self.network)
@@ -178,11 +182,22 @@ class Trainer(Generic[Network]):
             "progress": {name: getattr(self, name) for name in _KEPT},
         }
 
+    def _resume(self, checkpoint: Path) -> None:
+        """Go on from a checkpoint, which has to fit."""
+        state = load_checkpoint(checkpoint, self._identity, self.device)
+        try:
+            self._load(state)
+        except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            message = " ".join(str(error).split())[:160]
+            raise ValueError(
+                f"{checkpoint}: damaged: remove it to start anew ({message})"
+            ) from error
+
     def _load(self, state: dict[str, Any]) -> None:
         """Go on from there."""
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.task.load(state["task"])
         self._history = [Record(*values) for values in state["history"]]
-        for name, value in state["progress"].items():
-            setattr(self, name, value)
+        for name in _KEPT:
+            setattr(self, name, state["progress"][name])

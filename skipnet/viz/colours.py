@@ -16,6 +16,7 @@ CLASS_COLOURS = {
     FeatureClass.EDGE: "#009E73",
     FeatureClass.PLANE: "#D0D0D0",
 }
+CLASS_NAMES = {kind: kind.name.replace("_", " ").lower() for kind in FeatureClass}
 
 CURVATURE_OF_BRIGHTEST = 0.12
 """Curvature shown as the brightest yellow: about that of a right-angled corner's neighbourhood."""

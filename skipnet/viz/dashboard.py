@@ -100,19 +100,20 @@ def log_skipmap_by_curvature(
     writer: SummaryWriter, tag: str, centroids_m: FloatArray, curvatures: FloatArray, step: int = 0
 ) -> None:
     """(V, 3) voxel centres in 3D by (V,) curvature: dark blue flat, bright yellow curved."""
-    _log_dots(writer, tag, centroids_m, curvature_colours(curvatures), step)
+    log_dots(writer, tag, centroids_m, curvature_colours(curvatures), step)
 
 
 def log_skipmap_by_class(
     writer: SummaryWriter, tag: str, centroids_m: FloatArray, classes: IntArray, step: int = 0
 ) -> None:
     """(V, 3) voxel centres in 3D in the colours of their (V,) ``FeatureClass``."""
-    _log_dots(writer, tag, centroids_m, class_colours(classes), step)
+    log_dots(writer, tag, centroids_m, class_colours(classes), step)
 
 
-def _log_dots(
-    writer: SummaryWriter, tag: str, centroids_m: FloatArray, colours: IntArray, step: int
+def log_dots(
+    writer: SummaryWriter, tag: str, centroids_m: FloatArray, colours: IntArray, step: int = 0
 ) -> None:
+    """(N, 3) points in 3D in their (N, 3) uint8 colours, in the MESH tab."""
     import torch
 
     vertices = torch.from_numpy(np.asarray(centroids_m, dtype=np.float32))[None]

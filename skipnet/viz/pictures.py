@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 from skipnet.viz.colours import (
     CLASS_COLOURS,
+    CLASS_NAMES,
     CURVATURE_OF_BRIGHTEST,
     SOURCE_COLOUR,
     TARGET_COLOUR,
@@ -26,8 +27,6 @@ from skipnet.viz.colours import (
     scan_colour,
 )
 from skipnet.viz.views import add_legend, draw_clouds, draw_dots, new_figure, thin, views_by_columns
-
-CLASS_NAMES = {kind: kind.name.replace("_", " ").lower() for kind in FeatureClass}
 
 
 def draw_before_after(

@@ -21,10 +21,11 @@ class Table:
 
     def markdown(self) -> str:
         """The table in GitHub's Markdown, title and note included."""
-        lines = [f"## {self.title}", "", _line(self.headers)]
+        lines = [f"## {markdown_text(self.title)}", "", _line(self.headers)]
         lines.append(_line(("---",) + ("---:",) * (len(self.headers) - 1)))
         lines += [_line(row) for row in self.rows]
-        return "\n".join([*lines, "", self.note, ""] if self.note else [*lines, ""])
+        note = markdown_text(self.note)
+        return "\n".join([*lines, "", note, ""] if note else [*lines, ""])
 
 
 def number(value: float | None) -> str:
@@ -43,4 +44,15 @@ def number(value: float | None) -> str:
 
 
 def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+    return "| " + " | ".join(map(markdown_text, cells)) + " |"
+
+
+def markdown_text(text: str) -> str:
+    """Any text on one line of Markdown, as itself: names of files and reasons come from anywhere.
+
+    >>> markdown_text("a|b <script> [x](y)")
+    'a\\\\|b &lt;script> \\\\[x](y)'
+    """
+    for mark in "\\`|*[":
+        text = text.replace(mark, f"\\{mark}")
+    return " ".join(text.replace("<", "&lt;").split())

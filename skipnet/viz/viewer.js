@@ -16,8 +16,8 @@ function showScans(root) {
   };
   const program = gl.createProgram();
   gl.attachShader(program, shader(gl.VERTEX_SHADER, `
-    attribute vec3 place; attribute vec3 own; attribute float residual;
-    uniform mat4 model, view; uniform vec3 tint, low, span; uniform float size, far, bottom, top, cut;
+    attribute vec3 place; attribute vec3 own; attribute float value;
+    uniform vec3 palette[6]; uniform mat4 model, view; uniform vec3 tint, low, span; uniform float size, far, bottom, top, cut;
     uniform int mode; varying vec3 colour;
     vec3 ramp(float t) {  // dark blue, magenta, yellow
       return t < .5 ? mix(vec3(.05, .03, .53), vec3(.80, .28, .47), 2. * t)
@@ -27,33 +27,43 @@ function showScans(root) {
       vec4 world = model * vec4(low + place * span, 1.);
       gl_Position = world.z > cut ? vec4(0., 0., 2., 1.) : view * world;
       gl_PointSize = clamp(size / gl_Position.w, 1.5, 12.);
-      colour = mode == 0 ? tint : mode == 1 ? own : mode == 2 ? ramp(residual)
-             : ramp(clamp((world.z - bottom) / (top - bottom), 0., 1.));
+      colour = mode == 0 ? tint : mode == 1 ? own : mode == 2 || mode == 4 ? ramp(value)
+             : mode == 5 ? palette[int(min(value * 255. + .5, 5.))] : ramp(clamp((world.z - bottom) / (top - bottom), 0., 1.));
       colour = mix(colour, vec3(.98), .55 * smoothstep(.6 * far, 2.2 * far, gl_Position.w));
     }`));
   gl.attachShader(program, shader(gl.FRAGMENT_SHADER,
     "precision mediump float; varying vec3 colour; void main() { gl_FragColor = vec4(colour, 1.); }"));
   gl.linkProgram(program); gl.useProgram(program);
   const at = (name) => gl.getUniformLocation(program, name);
-  const slots = ["place", "own", "residual"].map((name) => gl.getAttribLocation(program, name));
+  const slots = ["place", "own", "value"].map((name) => gl.getAttribLocation(program, name));
 
   const buffer = (array) => {
     const one = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, one); gl.bufferData(gl.ARRAY_BUFFER, array, gl.STATIC_DRAW);
     return one;
   };
-  for (const scan of data.scans) {
-    scan.places = new Uint16Array(bytes(scan.places).buffer);
-    scan.count = scan.places.length / 3;
+  function upload(layer) {
+    layer.places = new Uint16Array(bytes(layer.places).buffer);
+    layer.count = layer.places.length / 3;
     // Three numbers of 16 bits would not be aligned to four bytes: padded to four.
-    const padded = new Uint16Array(4 * scan.count);
-    for (let i = 0; i < scan.count; i++)
-      for (let k = 0; k < 3; k++) padded[4 * i + k] = scan.places[3 * i + k];
-    scan.buffers = [buffer(padded), scan.own ? buffer(bytes(scan.own)) : null, scan.residuals ? buffer(bytes(scan.residuals)) : null];
+    const padded = new Uint16Array(4 * layer.count);
+    for (let i = 0; i < layer.count; i++)
+      for (let k = 0; k < 3; k++) padded[4 * i + k] = layer.places[3 * i + k];
+    layer.placed = buffer(padded);
+    layer.colours = layer.own ? buffer(bytes(layer.own)) : null;
+    layer.values = { 2: layer.residuals, 4: layer.curvature, 5: layer.classes };
+    for (const key in layer.values) layer.values[key] = layer.values[key] ? buffer(bytes(layer.values[key])) : null;
+  }
+  for (const scan of data.scans) {
+    upload(scan);
+    if (scan.voxels) upload(scan.voxels);
+    if (scan.marks) scan.marked = { placed: buffer(new Float32Array(scan.marks.flat())), values: { 5: buffer(new Uint8Array(scan.kinds)) }, count: scan.marks.length };
     scan.visible = true;
   }
+  const lines = gl.createBuffer();
 
   let pose = data.start, mode = 0, dot = 1, cut = data.cut, measured = [], waiting = false;
+  const also = { skipmap: false, features: false, matches: false, beside: false };
   const cutHeight = () => cut >= 1 ? 1e30 : data.bottom + cut * (data.top - data.bottom);
   const camera = { yaw: -0.9, pitch: 0.75, radius: 0.95 * data.extent, centre: [0, 0, 0] };
   const multiply = (a, b) => {
@@ -66,13 +76,16 @@ function showScans(root) {
     const [cy, sy, cp, sp] = [Math.cos(camera.yaw), Math.sin(camera.yaw), Math.cos(camera.pitch), Math.sin(camera.pitch)];
     return { right: [-sy, cy, 0], up: [-sp * cy, -sp * sy, cp], back: [cp * cy, cp * sy, sp] };
   };
+  // Two poses stand beside each other, on a narrow screen below each other.
+  const halves = () => !also.beside ? [1, 1] : canvas.clientWidth > 600 ? [2, 1] : [1, 2];
   const viewMatrix = () => {
     const { right, up, back } = axes();
     const eye = camera.centre.map((c, k) => c + camera.radius * back[k]);
     const along = (axis) => -(axis[0] * eye[0] + axis[1] * eye[1] + axis[2] * eye[2]);
     const look = [right[0], up[0], back[0], 0, right[1], up[1], back[1], 0, right[2], up[2], back[2], 0, along(right), along(up), along(back), 1];
     const f = 1.6, near = 0.01 * camera.radius, far = 10 * data.extent + camera.radius;
-    const wide = canvas.width / canvas.height;
+    const [across, down] = halves();
+    const wide = canvas.width / across / (canvas.height / down);
     const lens = [f / Math.max(wide, 1), 0, 0, 0, 0, f * Math.min(wide, 1), 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0];
     return multiply(lens, look);
   };
@@ -81,12 +94,15 @@ function showScans(root) {
   let share = 1, turning = 0, last = 0;
   function pace() {
     const now = performance.now();
-    if (turning && now - last < 400) share = Math.min(1, Math.max(0.03, share * (now - last > 36 ? 0.75 : now - last < 22 ? 1.25 : 1)));
+    const took = now - last;
+    if (turning && last) share = Math.min(1, Math.max(0.02, share * (took > 36 ? Math.max(30 / took, 0.25) : took < 22 ? 1.25 : 1)));
     last = now;
+    canvas.dataset.share = share.toFixed(3);
   }
   function turn() {
+    if (!turning) last = 0;
     clearTimeout(turning);
-    turning = setTimeout(() => { turning = 0; redraw(); }, 200);
+    turning = setTimeout(() => { turning = 0; redraw(); }, 700);
     redraw();
   }
   function draw() {
@@ -95,38 +111,73 @@ function showScans(root) {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     const [wide, high] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
-    gl.viewport(0, 0, wide, high);
     gl.clearColor(0.98, 0.98, 0.98, 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT); gl.enable(gl.DEPTH_TEST);
     gl.uniformMatrix4fv(at("view"), false, viewMatrix());
-    gl.uniform1f(at("size"), dot * data.dot * Math.min(wide, high));
+    const [across, down] = halves();
+    gl.uniform3fv(at("palette"), data.palette);
     gl.uniform1f(at("far"), camera.radius);
     gl.uniform1f(at("bottom"), data.bottom); gl.uniform1f(at("top"), data.top); gl.uniform1f(at("cut"), cutHeight());
+    for (let half = 0; half < across * down; half++) {
+      const [w, h] = [Math.floor(wide / across), Math.floor(high / down)];
+      gl.viewport(across > 1 ? half * w : 0, down > 1 ? (1 - half) * h : 0, w, h);
+      gl.uniform1f(at("size"), dot * data.dot * Math.min(w, h));
+      drawPose(also.beside && half === 0 ? data.start : pose);
+    }
+  }
+  function attributes(arrays, placesKind, stride) {
+    const layouts = [[3, placesKind, stride], [3, gl.UNSIGNED_BYTE, 3], [1, gl.UNSIGNED_BYTE, 1]];
+    layouts.forEach(([size, kind, step], k) => {
+      if (slots[k] < 0) return;
+      if (!arrays[k]) { gl.disableVertexAttribArray(slots[k]); return; }
+      gl.bindBuffer(gl.ARRAY_BUFFER, arrays[k]);
+      gl.enableVertexAttribArray(slots[k]);
+      gl.vertexAttribPointer(slots[k], size, kind, true, step, 0);
+    });
+  }
+  const boxed = (low, span) => { gl.uniform3fv(at("low"), low); gl.uniform3fv(at("span"), span); };
+  function drawPose(which) {
+    const size = dot * data.dot * Math.min(...gl.getParameter(gl.VIEWPORT).slice(2));
     data.scans.forEach((scan, number) => {
       if (!scan.visible) return;
-      gl.uniformMatrix4fv(at("model"), false, new Float32Array(data.poses[pose].matrices[number]));
-      gl.uniform3fv(at("tint"), scan.tint); gl.uniform3fv(at("low"), scan.low); gl.uniform3fv(at("span"), scan.span);
-      const shown = (mode === 1 && !scan.own) || (mode === 2 && !(scan.residuals && pose === data.measured)) ? 0 : mode;
+      const layer = also.skipmap && scan.voxels ? scan.voxels : scan;
+      gl.uniformMatrix4fv(at("model"), false, new Float32Array(data.poses[which].matrices[number]));
+      gl.uniform3fv(at("tint"), scan.tint); boxed(layer.low, layer.span);
+      gl.uniform1f(at("size"), layer === scan ? size : 2 * size);
+      const missing = (mode === 1 && !layer.colours) || (mode in layer.values && !layer.values[mode]);
+      const shown = missing || (mode === 2 && which !== data.measured) ? 0 : mode;
       gl.uniform1i(at("mode"), shown);
-      const layouts = [[3, gl.UNSIGNED_SHORT, 8], [3, gl.UNSIGNED_BYTE, 3], [1, gl.UNSIGNED_BYTE, 1]];
-      layouts.forEach(([size, kind, stride], k) => {
-        if (slots[k] < 0) return;
-        if (!scan.buffers[k]) { gl.disableVertexAttribArray(slots[k]); return; }
-        gl.bindBuffer(gl.ARRAY_BUFFER, scan.buffers[k]);
-        gl.enableVertexAttribArray(slots[k]);
-        gl.vertexAttribPointer(slots[k], size, kind, true, stride, 0);
-      });
-      gl.drawArrays(gl.POINTS, 0, Math.ceil(scan.count * (turning ? share : 1)));
+      attributes([layer.placed, layer.colours, layer.values[shown]], gl.UNSIGNED_SHORT, 8);
+      gl.drawArrays(gl.POINTS, 0, Math.ceil(layer.count * (turning ? share : 1)));
+      if (!also.features || !scan.marked) return;
+      boxed([0, 0, 0], [1, 1, 1]); gl.uniform1i(at("mode"), 5); gl.uniform1f(at("size"), 4 * size);
+      attributes([scan.marked.placed, null, scan.marked.values[5]], gl.FLOAT, 12);
+      gl.drawArrays(gl.POINTS, 0, scan.marked.count);
     });
+    if (also.matches) drawMatches(which);
+  }
+  function drawMatches(which) {
+    const ends = data.matches.flatMap((match) => match.flatMap((mark, number) => {
+      const m = data.poses[which].matrices[number], p = data.scans[number].marks[mark];
+      return [0, 1, 2].map((k) => m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2] + m[12 + k]);
+    }));
+    gl.bindBuffer(gl.ARRAY_BUFFER, lines); gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(ends), gl.DYNAMIC_DRAW);
+    gl.uniformMatrix4fv(at("model"), false, new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]));
+    boxed([0, 0, 0], [1, 1, 1]); gl.uniform1i(at("mode"), 0); gl.uniform3fv(at("tint"), [0, 0.45, 0.3]);
+    attributes([lines, null, null], gl.FLOAT, 12);
+    gl.drawArrays(gl.LINES, 0, ends.length / 3);
   }
   const redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(draw); } };
 
   // The point nearest to a place on the screen, in front of others that are as near.
   function pick(x, y) {
-    const view = viewMatrix(), box = canvas.getBoundingClientRect();
+    const view = viewMatrix(), whole = canvas.getBoundingClientRect(), [across, down] = halves();
+    const box = { width: whole.width / across, height: whole.height / down };
+    const first = x < box.width && y < box.height, which = also.beside && first ? data.start : pose;
+    [x, y] = [x % box.width, y % box.height];
     let best = null;
     data.scans.forEach((scan, number) => {
       if (!scan.visible) return;
-      const all = multiply(view, data.poses[pose].matrices[number]), m = data.poses[pose].matrices[number];
+      const all = multiply(view, data.poses[which].matrices[number]), m = data.poses[which].matrices[number];
       for (let i = 0; i < scan.count; i++) {
         const p = [0, 1, 2].map((k) => scan.low[k] + scan.places[3 * i + k] / 65535 * scan.span[k]);
         const w = all[3] * p[0] + all[7] * p[1] + all[11] * p[2] + all[15];
@@ -189,13 +240,20 @@ function showScans(root) {
     if (keys[event.key]) { keys[event.key](); event.preventDefault(); turn(); }
   });
   const listen = (name, act) => root.querySelectorAll(`[name="${name}"]`).forEach((input) => input.addEventListener("input", () => { act(input); redraw(); }));
-  const tell = () => { said.textContent = data.poses[pose].note; measured = []; };
+  const tell = () => {
+    const [now, first] = [data.poses[pose].note, data.poses[data.start].note];
+    const sides = canvas.clientWidth > 600 ? ["Left", "right"] : ["Above", "below"];
+    said.textContent = also.beside ? `${sides[0]}: ${first} ${sides[1]}: ${now}` : now;
+    measured = [];
+  };
   listen("pose", (input) => { pose = Number(input.value); tell(); });
   listen("mode", (input) => { mode = Number(input.value); });
   listen("scan", (input) => { data.scans[Number(input.value)].visible = input.checked; });
+  for (const name in also) listen(name, (input) => { also[name] = input.checked; if (name === "beside") tell(); });
   listen("dot", (input) => { dot = Number(input.value); });
   listen("cut", (input) => { cut = Number(input.value); });
   window.addEventListener("resize", redraw);
   tell(); redraw();
 }
-document.querySelectorAll(".viewer").forEach(showScans);
+// A page may have several viewers, each with this script: every one is shown once.
+document.querySelectorAll(".viewer:not([data-shown])").forEach((root) => { root.dataset.shown = "yes"; showScans(root); });

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -13,54 +11,17 @@ from typing import Any
 import numpy as np
 
 from skipnet.geometry import transform_points
-from skipnet.types import FloatArray, IntArray
-from skipnet.viz.views import thin_rows
+from skipnet.types import FeatureClass, FloatArray
+from skipnet.viz.colours import CLASS_COLOURS, CLASS_NAMES
+from skipnet.viz.viewed import ViewedPose, ViewedScan, pack, pack_pose, some_rows
 
 MOST_POINTS = 200_000
 """Of all scans together: a phone turns so many smoothly, and the page stays below 5 MB."""
-_THINNING_CELLS = 600
-_STEPS = 65535
+_NO_COLOUR = "#A8A8A8"
 _DOT_SHARE = 0.004
 """A dot's width as a share of the scans' extent."""
 _CEILING_SHARE, _CEILING_POINTS, _BELOW_CEILING = 0.05, 0.12, 0.9
-_MODES = ("scan", "own colours", "residual", "height")
-_STYLE = """<style>
-.viewer canvas { box-sizing: border-box; width: 100%; height: min(62vh, 34rem); display: block;
-                 touch-action: none; border: 1px solid #ddd; cursor: grab; }
-.viewer fieldset { border: 0; margin: .4rem 0; padding: 0; display: flex; flex-wrap: wrap;
-                   gap: .2rem 1rem; }
-.viewer legend { float: left; margin-right: .8rem; color: #555; }
-.viewer .said { min-height: 3em; margin: .4rem 0; overflow-wrap: anywhere; }
-.viewer .swatch { display: inline-block; width: .8em; height: .8em; border-radius: 50%; }
-.viewer small { color: #555; }
-</style>"""
-
-
-@dataclass(frozen=True)
-class ViewedScan:
-    """One scan, in its own frame."""
-
-    name: str
-    points_m: FloatArray
-    """(N, 3)."""
-    tint: str
-    """Its colour among the others, as #RRGGBB."""
-    colour: IntArray | None = None
-    """(N, 3) uint8, its own colours."""
-    residuals_m: FloatArray | None = None
-    """(N,) how far each point lies from the other scan in the pose that is shown first."""
-
-
-@dataclass(frozen=True)
-class ViewedPose:
-    """One way in which all scans may stand in the common frame."""
-
-    label: str
-    """On its button."""
-    note: str
-    """Below the view, when it is shown: what it is, and how far it is to be believed."""
-    T_common_scan: Sequence[FloatArray]
-    """(4, 4) of each scan."""
+_MODES = ("scan", "own colours", "residual", "height", "curvature", "class")
 
 
 def viewer(
@@ -68,6 +29,8 @@ def viewer(
     poses: Sequence[ViewedPose],
     start: int = 0,
     brightest_m: float = 0.05,
+    most: int = MOST_POINTS,
+    matches: Sequence[tuple[int, int]] = (),
 ) -> str:
     """The HTML of a view of scans with one button per pose.
 
@@ -76,8 +39,10 @@ def viewer(
         poses: at least one.
         start: the pose shown first, to which the residuals belong.
         brightest_m: the residual shown in yellow.
+        most: points of all scans together.
+        matches: numbers of feature voxels of the first and of the second scan that correspond.
     """
-    rows = [_some_rows(scan.points_m, MOST_POINTS // len(scans)) for scan in scans]
+    rows = [some_rows(scan.points_m, most // len(scans)) for scan in scans]
     thinned_m = [scan.points_m[kept] for scan, kept in zip(scans, rows, strict=True)]
     T_start = poses[start].T_common_scan
     placed_m = np.concatenate(
@@ -88,10 +53,10 @@ def viewer(
     extent_m = max(float(np.linalg.norm(high_m - low_m)), 1e-6)
     content = {
         "scans": [
-            _packed(scan, kept, points_m, brightest_m)
+            pack(scan, kept, points_m, brightest_m)
             for scan, kept, points_m in zip(scans, rows, thinned_m, strict=True)
         ],
-        "poses": [_pose(pose, thinned_m, centre_m) for pose in poses],
+        "poses": [pack_pose(pose, thinned_m, centre_m) for pose in poses],
         "start": start,
         "measured": start,
         "centre": centre_m.tolist(),
@@ -99,6 +64,8 @@ def viewer(
         "bottom": float(low_m[2] - centre_m[2]),
         "top": float(max(high_m[2], low_m[2] + 1e-6) - centre_m[2]),
         "dot": _DOT_SHARE * extent_m,
+        "matches": [list(match) for match in matches],
+        "palette": _palette(),
         "cut": _cut(placed_m[:, 2], low_m[2], high_m[2]),
     }
     return _page(scans, poses, start, brightest_m, content)
@@ -115,31 +82,32 @@ def _page(
     modes = _modes(scans)
     return "\n".join(
         [
-            _STYLE,
+            f"<style>{_text('viewer.css')}</style>",
             '<div class="viewer">',
             _choices("pose", "shown", [pose.label for pose in poses], start) if poses[1:] else "",
             '<canvas tabindex="0" aria-label="scans in 3-D"></canvas>',
             '<p class="said"></p>',
             _switches(scans),
+            _layers(scans, poses, content["matches"]),
             _choices("mode", "colour", [_MODES[mode] for mode in modes], 0, modes),
             f"<fieldset>{_slider('dot', 'dots', 0.3, 4, 1)}"
             f"{_slider('cut', 'hidden above', 0, 1, content['cut'])}</fieldset>",
             "<small>Drag to turn, wheel or pinch to zoom, shift or two fingers to move, click two "
             f"points to measure.{_scale(brightest_m) if 2 in modes else ''}</small>",
             f'<script type="application/json" class="scans">{_json(content)}</script>',
-            f"<script>{files('skipnet.viz').joinpath('viewer.js').read_text('utf-8')}</script>",
+            f"<script>{_text('viewer.js')}</script>",
             "</div>",
         ]
     )
 
 
+def _text(name: str) -> str:
+    """A file beside this one."""
+    return files("skipnet.viz").joinpath(name).read_text("utf-8")
+
+
 def _scale(brightest_m: float) -> str:
     return f" Residuals: dark blue 0, yellow {1000 * brightest_m:.3g} mm and more."
-
-
-def _some_rows(points_m: FloatArray, most: int) -> IntArray:
-    """Rows of points even over space, in random order: any number of the first are even too."""
-    return np.random.default_rng(0).permutation(thin_rows(points_m, most, _THINNING_CELLS))
 
 
 def _json(content: object) -> str:
@@ -147,58 +115,13 @@ def _json(content: object) -> str:
     return json.dumps(content).replace("<", "\\u003c")
 
 
-def _packed(
-    scan: ViewedScan, rows: IntArray, points_m: FloatArray, brightest_m: float
-) -> dict[str, object]:
-    """Places as steps of a box about the scan's middle, in which the poses are given too."""
-    low_m, span_m = _box(points_m)
-    steps = np.rint((points_m - low_m) / span_m * _STEPS).astype("<u2")
-    packed: dict[str, object] = {
-        "name": scan.name,
-        "tint": [int(scan.tint[k : k + 2], 16) / 255 for k in (1, 3, 5)],
-        "low": (low_m - _middle(points_m)).tolist(),
-        "span": span_m.tolist(),
-        "places": _base64(steps),
-    }
-    if scan.colour is not None:
-        packed["own"] = _base64(scan.colour[rows].astype(np.uint8))
-    if scan.residuals_m is not None:
-        share = np.clip(scan.residuals_m[rows] / brightest_m, 0, 1)
-        packed["residuals"] = _base64(np.rint(255 * share).astype(np.uint8))
-    return packed
-
-
-def _box(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
-    return low_m, np.maximum(high_m - low_m, 1e-6)
-
-
-def _middle(points_m: FloatArray) -> FloatArray:
-    """A place near a scan, from which browsers count in single precision."""
-    return np.round(points_m.mean(axis=0))
-
-
-def _pose(
-    pose: ViewedPose, scans_m: Sequence[FloatArray], centre_m: FloatArray
-) -> dict[str, object]:
-    """Transforms between the scans' middles and the view's centre, column by column."""
-    matrices = []
-    for T, points_m in zip(pose.T_common_scan, scans_m, strict=True):
-        local = np.array(T, np.float64)
-        local[:3, 3] = T[:3, :3] @ _middle(points_m) + T[:3, 3] - centre_m
-        matrices.append(local.T.ravel().tolist())
-    return {"note": pose.note, "matrices": matrices}
-
-
-def _base64(array: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
-
-
 def _modes(scans: Sequence[ViewedScan]) -> list[int]:
     """The colourings for which there is something to show."""
     coloured = any(scan.colour is not None for scan in scans)
     measured = any(scan.residuals_m is not None for scan in scans)
-    return [0, *([1] if coloured else []), *([2] if measured else []), 3]
+    described = any(scan.skipmap is not None for scan in scans)
+    own, residual = [1] if coloured else [], [2] if measured else []
+    return [0, *own, *residual, 3, *([4, 5] if described else [])]
 
 
 def _choices(
@@ -212,6 +135,36 @@ def _choices(
         )
     )
     return f"<fieldset><legend>{escape(legend)}</legend>{buttons}</fieldset>"
+
+
+def _layers(
+    scans: Sequence[ViewedScan], poses: Sequence[ViewedPose], matches: Sequence[object]
+) -> str:
+    """What can be shown beside the points, as far as there is some of it."""
+    described = any(scan.skipmap is not None for scan in scans)
+    names = {
+        "skipmap": ("Skip-map", described),
+        "features": ("feature voxels", described),
+        "matches": ("matches", bool(matches)),
+        "beside": ("two poses side by side", len(poses) > 1),
+    }
+    boxes = "".join(
+        f'<label><input type="checkbox" name="{name}"> {label}</label>'
+        for name, (label, is_there) in names.items()
+        if is_there
+    )
+    legend = " ".join(
+        f'<span class="swatch" style="background:{CLASS_COLOURS[kind]}"></span> {name}'
+        for kind, name in CLASS_NAMES.items()
+    )
+    classes = f"<br><small>{legend}</small>" if described else ""
+    return f"<fieldset><legend>also</legend>{boxes}{classes}</fieldset>" if boxes else ""
+
+
+def _palette() -> list[float]:
+    """Red, green and blue of every class, and of what has none."""
+    rows = [CLASS_COLOURS[kind] for kind in FeatureClass] + [_NO_COLOUR]
+    return [int(row[k : k + 2], 16) / 255 for row in rows for k in (1, 3, 5)]
 
 
 def _slider(name: str, label: str, low: float, high: float, start: float) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from dataclasses import replace
 
@@ -12,7 +11,7 @@ import pytest
 
 from skipnet.benchmark.methods import Estimate
 from skipnet.benchmark.options import SpeedConfig
-from skipnet.benchmark.reporting.speed_report import exponents, summarise
+from skipnet.benchmark.reporting.speed_tables import exponents, summarise
 from skipnet.benchmark.running.speed import measure, middle, peak_bytes, run_speed, simulate_size
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.simulation.scanning.pairs import simulate_pair
@@ -104,11 +103,11 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
     config = replace(
         evaluate_options("benchmark=speed", "pairs=2", "methods=[skipnet,icp]"),
         speed=SpeedConfig(
-            ["paper_room"], SIZES, most_points={"icp": SIZES[0]}, repeats=2, memory=False
+            ["paper_room"], [], SIZES, most_points={"icp": SIZES[0]}, repeats=2, memory=False
         ),
         output_dir=str(tmp_path / "run"),
     )
-    summary = run_speed(config, io.StringIO())
+    summary = run_speed(config)
     run = tmp_path / "run"
     assert {(row["method"], row["size"]) for row in summary["rows"]} == {
         ("skipnet", SIZES[0]),
@@ -137,7 +136,8 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"speed": SpeedConfig(["nosuch"], SIZES)}, "unknown scene family 'nosuch'"),
+        ({"speed": SpeedConfig(["nosuch"])}, "unknown scene family 'nosuch'"),
+        ({"speed": SpeedConfig([], ["rigns"])}, "kind of pair 'rigns'; did you mean 'rings'"),
         ({"methods": "skipnet,icp_from_coarse"}, "starts from the pose of"),
         ({"methods": "icp", "speed": SpeedConfig(points=[9], most_points={"icp": 8})}, "above 8"),
         ({"methods": "skipnet"}, "choose another output_dir"),
@@ -150,9 +150,23 @@ def test_what_cannot_be_measured_is_refused_and_earlier_measurements_stay(tmp_pa
     config = evaluate_options("benchmark=speed", f"methods=[{methods}]", f"output_dir={tmp_path}")
     config = replace(config, **changed)
     with pytest.raises(ValueError, match=words):
-        run_speed(config, io.StringIO())
+        run_speed(config)
     assert (tmp_path / "measurements.jsonl").read_text() == "{}\n"
     assert [path.name for path in tmp_path.iterdir()] == ["measurements.jsonl"]
+
+
+def test_hard_pairs_have_a_table_and_what_shares_nothing_is_right_when_refused(tmp_path):
+    config = replace(
+        evaluate_options("benchmark=speed", "pairs=1", "methods=[skipnet,small_gicp]"),
+        speed=SpeedConfig([], ["rings", "rings_negative"], repeats=1),
+        output_dir=str(tmp_path / "run"),
+    )
+    rows = run_speed(config)["rows"]
+    right = {(row["family"], row["method"]): row["successes"] for row in rows}
+    assert right["rings", "skipnet"] == right["rings_negative", "skipnet"] == 1
+    assert right["rings_negative", "small_gicp"] == 0, "it has no verdict"
+    report = (tmp_path / "run" / "report.md").read_text()
+    assert "## Time, hard pairs" in report and "Stages of skipnet, rings_negative" in report
 
 
 @pytest.mark.parametrize("sizes", [[], [0, 5], [20, 10]])

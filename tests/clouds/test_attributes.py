@@ -177,3 +177,10 @@ def test_viewpoints_far_from_everything_are_not_believed(tmp_path):
     skipnet.write_cloud(tmp_path / "a.pcd", Cloud(points, viewpoint_m=np.array([5e5, 0, 0])))
     cloud = skipnet.read_cloud(tmp_path / "a.pcd")
     assert cloud.viewpoint_m is None and "is not used" in cloud.notes[-1]
+
+
+def test_a_cloud_and_its_skip_map_print_as_sentences():
+    cloud = Cloud(np.zeros((1200, 3)), intensity=np.zeros(1200), name="a.ply")
+    assert str(cloud) == "a.ply: 1,200 points with intensity"
+    plane = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0), [0.0]), axis=-1).reshape(-1, 3)
+    assert str(skipnet.build_skipmap(plane, 2.0)).endswith("effective voxels of 2 m")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import resource
 import struct
@@ -13,6 +14,7 @@ import pytest
 
 import skipnet
 from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.panics import without_trace
 
 PCD = "VERSION .7\nFIELDS x y z\nSIZE {size} 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {points}\n"
 PCD += "HEIGHT 1\nPOINTS {points}\nDATA {data}\n"
@@ -57,6 +59,11 @@ def test_pcd_that_holds_less_than_it_says(refused, points):
     assert "truncated" in refused("a.pcd", pcd("ascii", points, body=b"1 2 3\n4 5 6\n"))
 
 
+def test_pcd_whose_names_are_no_text(refused):
+    content = pcd().replace(b"x y z", b"x y \x00\x1b\xfc" + b"z" * 1000)
+    assert "lack x, y or z" in refused("a.pcd", content)
+
+
 def test_pcd_of_absurd_sizes(refused):
     assert "whole numbers after SIZE" in refused("a.pcd", pcd(size=10_000_000))
     assert "TYPE and SIZE" in refused("a.pcd", pcd("binary_compressed", size=1000))
@@ -90,10 +97,10 @@ def test_bytes_of_nothing_are_refused_without_repeating_them(refused, name):
     assert name in refused(name, np.random.default_rng(0).bytes(601))
 
 
-def las(tmp_path, extension):
+def las(tmp_path, extension, kind=6):
     laspy = pytest.importorskip("laspy")
     path = tmp_path / f"whole.{extension}"
-    cloud = laspy.create(point_format=6, file_version="1.4")
+    cloud = laspy.create(point_format=kind, file_version="1.4")
     cloud.x, cloud.y, cloud.z = np.random.default_rng(0).normal(size=(3, 50))
     cloud.write(path)
     return bytearray(path.read_bytes())
@@ -126,6 +133,16 @@ def test_laz_with_false_chunks_and_layers(refused, tmp_path):
             assert len(skipnet.read_cloud(tmp_path / "b.laz")) <= 50
         except ValueError as error:
             assert str(error).startswith(str(tmp_path / "b.laz"))
+
+
+def test_a_panic_of_the_decompressor_is_one_line_and_nothing_more(refused, tmp_path, capfd):
+    content = las(tmp_path, "laz", kind=0)
+    (points_at,) = struct.unpack_from("<I", content, 96)
+    struct.pack_into("<H", content, points_at - 4, 1)  # bytes of what a point consists of
+    assert "a.laz" in refused("a.laz", bytes(content))
+    with without_trace():
+        os.write(2, b"another thread's words")
+    assert capfd.readouterr() == ("", "another thread's words")
 
 
 def crc32c(content):
@@ -191,6 +208,7 @@ def npy(shape, body=b"", kind="<f8"):
 def test_numpy_files_of_false_sizes_and_other_contents(refused):
     assert "truncated" in refused("a.npy", npy((10**9, 3)))
     assert "truncated" in refused("a.npz", archive("points.npy", npy((10**9, 3))))
+    assert "takes no room" in refused("f.npy", npy((2, 3), kind="<U0"))
     assert "(none)" in refused("b.npz", archive("points.txt", b"1 2 3"))
     assert "not a NumPy file" in refused("c.npz", archive("points.npy", b"no array"))
     bomb = npy((10**8, 3), bytes(24 * 10**6))

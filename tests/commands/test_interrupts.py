@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from skipnet.commands.main import main
+
 INTERRUPTED = """
 import os, signal, sys
 from dataclasses import dataclass
@@ -53,6 +55,15 @@ def test_an_interrupt_is_one_line_and_no_helper_is_waited_for(tmp_path, how):
     assert done.returncode == 130
     assert done.stderr == "toy: interrupted; what was written before is whole\n"
     assert done.stdout == ""
+
+
+def test_an_interrupt_before_the_command_begins_is_one_line(monkeypatch, capsys):
+    def import_module(name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skipnet.commands.main.import_module", import_module)
+    assert main(["register"]) == 130
+    assert capsys.readouterr().err == "register: interrupted; nothing was begun\n"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child of its parent's end")

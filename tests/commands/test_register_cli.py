@@ -43,7 +43,7 @@ def test_two_files_come_out_registered_with_every_result(stand, pair):
     )
     assert (run.returncode, run.stderr) == (0, "")
     assert "registered" in run.stdout and "out/first/report.html" in run.stdout
-    assert {path.name for path in (stand / "out" / "first").iterdir()} == PAIR_FILES
+    assert {path.name for path in (stand / "out" / "first").iterdir()} == PAIR_FILES | {".skipnet"}
     assert {path.name for path in stand.iterdir()} == {"scans", "out"}
 
     result = json.loads((stand / "out" / "first" / "result.json").read_text())
@@ -75,7 +75,7 @@ def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):
     run = register_py(tmp_path, "scans=[a.ply,b.ply,c.ply]", "output_dir=out")
     assert (run.returncode, run.stderr) == (0, "")
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"poses.json", "merged.ply", "scans.png", "report.html", "pairs"}
+    assert written == {".skipnet", "poses.json", "merged.ply", "scans.png", "report.html", "pairs"}
 
     poses = json.loads((tmp_path / "out" / "poses.json").read_text())
     assert [scan["path"] for scan in poses["scans"]] == ["a.ply", "b.ply", "c.ply"]
@@ -98,7 +98,7 @@ def test_scans_of_nothing_in_common_exit_with_3_and_still_write_everything(tmp_p
         "ambiguous",
         "failed",
     )
-    assert {path.name for path in (tmp_path / "out").iterdir()} == PAIR_FILES
+    assert {path.name for path in (tmp_path / "out").iterdir()} == PAIR_FILES | {".skipnet"}
 
 
 def test_without_arguments_it_simulates_a_pair_and_says_where_to_look(tmp_path):
@@ -106,7 +106,7 @@ def test_without_arguments_it_simulates_a_pair_and_says_where_to_look(tmp_path):
     assert run.returncode == 0, run.stderr
     assert "Off the truth by" in run.stdout and "runs/register/report.html" in run.stdout
     written = {path.name for path in (tmp_path / "runs" / "register").iterdir()}
-    assert written == PAIR_FILES | {"simulated_source.ply", "simulated_target.ply"}
+    assert written == PAIR_FILES | {".skipnet", "simulated_source.ply", "simulated_target.ply"}
 
 
 BAD = {

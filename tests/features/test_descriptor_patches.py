@@ -161,3 +161,13 @@ def test_no_voxels_no_patches(bumpy: SkipMap) -> None:
     none = np.zeros(0, dtype=np.int64)
     assert cylinder_patches(bumpy, none).shape == (0, SECTORS, SECTOR_SIZE)
     assert tangent_frames(bumpy, none).shape == (0, 3, 3)
+
+
+def test_keypoints_that_are_not_the_most_curved_are_spread_over_the_rest(bumpy: SkipMap) -> None:
+    order = np.argsort(-bumpy.curvatures, kind="stable")
+    rows = choose_keypoints(bumpy, 40, curved_share=0.5)
+    assert len(np.unique(rows)) == 40 and set(order[:20]) <= set(rows)
+    ranks = np.sort(np.argsort(order)[rows])[20:]
+    assert ranks[0] == 20 and ranks[-1] == len(bumpy) - 1
+    assert np.ptp(np.diff(ranks)) <= 1
+    np.testing.assert_array_equal(choose_keypoints(bumpy, len(bumpy), 0.5), np.arange(len(bumpy)))

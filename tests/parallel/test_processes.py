@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier, Event, Thread
 
@@ -185,3 +186,12 @@ os.wait()
 """
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.split("\n") == ["[0, 1, 2, 3]", "[True, True]", ""]
+
+
+def test_an_error_does_not_wait_for_what_the_workers_do() -> None:
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), worker_pool(1) as pool:
+        pool.submit(os.getpid).result()
+        pool.submit(time.sleep, 300)
+        raise KeyboardInterrupt
+    assert time.monotonic() - started < 200  # long before the worker would have been done

@@ -79,9 +79,9 @@ def road(body, step_m, seed):
 
 def judged_road(body, step_m):
     scans = describe([road(body, 0.0, 1), road(body, step_m, 2)], [np.zeros(3)] * 2)
-    scans = [scan.valued(1.0) for scan in scans]
+    evidence_s, evidence_t = (scan.valued_evidence(1.0) for scan in scans)
     T_same = np.linalg.inv(scans[1].T_given_own) @ scans[0].T_given_own
-    return Judge(scans[0].evidence, scans[1].evidence, 4000, 6.0), T_same
+    return Judge(evidence_s, evidence_t, 4000, 6.0), T_same
 
 
 def test_a_body_that_rides_along_loses_its_say():

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import invert, make_transform, pose_error, rotation_from_vector
+from skipnet.registration.alignment.distributions import match_distributions
 from skipnet.registration.alignment.refinement import Refinement
-from skipnet.registration.alignment.sparse import refine_sparse
+from skipnet.registration.alignment.sparse import finish_sparse, refine_sparse
 from skipnet.scans.describing import describe
 from skipnet.scans.sparse import thin
 from skipnet.simulation.scanning.pairs import simulate_pair
@@ -59,15 +60,54 @@ def test_it_converges_to_the_truth_from_5_cm_and_half_a_degree(rings, clouds):
         rotation_rad, translation_m = pose_error(T, rings.T_target_source)
         assert np.rad2deg(rotation_rad) < 0.1 and translation_m < 0.02
     assert (fine.matched > 1000).all()
-    points_m = np.asarray(clouds[0][0].points())[:, :3]
-    from_centre_m = np.linalg.norm(points_m - points_m.mean(axis=0), axis=1)
+
+
+def test_the_best_one_is_aligned_by_all_points(rings, clouds):
+    rough = make_transform(rotation_from_vector(np.full(3, 0.001)), np.full(3, 0.01))
+    start = started_from((rough @ rings.T_target_source)[None])
+    fine = finish_sparse(start, *clouds, SIZE_M)
+    rotation_rad, translation_m = pose_error(fine.T_target_source[0], rings.T_target_source)
+    assert np.rad2deg(rotation_rad) < 0.1 and translation_m < 0.02
+    from_centre_m = np.linalg.norm(clouds[0].points_m - clouds[0].points_m.mean(axis=0), axis=1)
     np.testing.assert_allclose(fine.spread_m, np.sqrt((from_centre_m**2).mean()))
+
+
+def test_one_step_has_the_normal_equations_of_small_gicp(rings, clouds):
+    """Of all points, at the same pose: its H is about the source's origin, in the source's axes."""
+    from small_gicp import align
+
+    source, target = clouds
+    theirs = align(
+        target.cloud,
+        source.cloud,
+        target.tree,
+        rings.T_target_source,
+        max_correspondence_distance=SIZE_M,
+        max_iterations=1,
+        translation_epsilon=1e9,
+        rotation_epsilon=1e9,
+    )
+    T = rings.T_target_source
+    ours, squared = match_distributions(
+        T[None], source, np.arange(len(source.points_m)), target, SIZE_M
+    )
+    R = T[:3, :3]
+    # Their small motion (w, v) behind the pose turns by R w and moves our centre so far:
+    centre_source_m = R.T @ (ours.centre_m[0] - T[:3, 3])
+    change = np.zeros((6, 6))
+    change[:3, :3], change[3:, 3:] = R, R
+    change[3:, :3] = R @ np.cross(np.eye(3), -centre_source_m)  # w x centre
+    expected = change.T @ ours.information[0] @ change
+    assert ours.matched[0] == theirs.num_inliers
+    np.testing.assert_allclose(theirs.H, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    # Theirs is what is left after the step, which at the true pose is next to nothing less.
+    assert squared[0] * ours.matched[0] / 2 == pytest.approx(theirs.error, rel=0.01)
 
 
 def test_the_stated_rotation_covariance_covers_the_error(rings, clouds):
     from scipy.spatial.transform import Rotation
 
-    fine = refine_sparse(started_from(rings.T_target_source[None]), *clouds, SIZE_M)
+    fine = finish_sparse(started_from(rings.T_target_source[None]), *clouds, SIZE_M)
     turned = fine.T_target_source[0] @ invert(rings.T_target_source)
     error_rad = Rotation.from_matrix(turned[:3, :3]).as_rotvec()
     squared = error_rad @ np.linalg.solve(fine.covariance[0][:3, :3], error_rad) / 3
@@ -76,6 +116,7 @@ def test_the_stated_rotation_covariance_covers_the_error(rings, clouds):
 
 def test_a_pose_far_from_every_surface_stays_where_it_was(rings, clouds):
     far = make_transform(np.eye(3), np.array([500.0, 0, 0]))[None]
-    fine = refine_sparse(started_from(far), *clouds, SIZE_M)
-    np.testing.assert_array_equal(fine.T_target_source, far)
-    assert fine.matched[0] == 0
+    for align in (refine_sparse, finish_sparse):
+        fine = align(started_from(far), *clouds, SIZE_M)
+        np.testing.assert_array_equal(fine.T_target_source, far)
+        assert fine.matched[0] == 0

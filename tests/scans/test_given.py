@@ -80,3 +80,8 @@ def test_a_result_moves_points_and_clouds_and_prints_as_a_sentence(points):
     T = result.T_target_source
     np.testing.assert_allclose(moved.points_m, points @ T[:3, :3].T + T[:3, 3])
     np.testing.assert_allclose(moved.normals, points @ T[:3, :3].T)
+
+
+def test_rows_of_different_lengths_are_named():
+    with pytest.raises(ValueError, match="^source: expected numbers"):
+        taken([[1, 2, 3], [4, 5]], "auto", "source", "source_viewpoint")

@@ -26,8 +26,11 @@ from skipnet.studies.options import InliersConfig
 def pairs():
     """Three, of two sets."""
     three = make_pair_set(EvaluateConfig(family="oblique", pairs=3, points=20_000))
-    names = ("one", "two", "two")
-    return [replace(pair, set_name=name) for pair, name in zip(three, names, strict=True)]
+    sets = (("one", 0.9), ("two", 0.2), ("two", 0.5))
+    return [
+        replace(pair, set_name=name, overlap=overlap)
+        for pair, (name, overlap) in zip(three, sets, strict=True)
+    ]
 
 
 def test_ratios_are_those_counted_by_hand(pairs):
@@ -40,7 +43,9 @@ def test_ratios_are_those_counted_by_hand(pairs):
         assert found.inlier_ratio == pytest.approx(right / offered)
         assert found.inlier_ratio > 0.2
     assert list(matches) == ["ours", "again", FPFH]
-    *_, means = ratios_table(matches).rows
+    *_, means, little = ratios_table(matches).rows
+    assert little[:2] == ("overlap under 35%", "1")
+    assert float(little[2]) == pytest.approx(ours[1].inlier_ratio, abs=6e-4)
     title, count, mean, mean_again, fpfh = means
     assert (title, count) == ("mean of sets", "3") and mean == mean_again != fpfh
     of_sets = [np.mean([one.inlier_ratio for one in ones]) for ones in matches[FPFH].values()]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,20 @@ from skipnet.commands.train import main
 from skipnet.features.grids import GRID_SHAPE
 from skipnet.geometry import transform_points
 from skipnet.metrics.correspondences import true_correspondences
-from skipnet.networks.catalog import find_network
+from skipnet.networks.catalog import find_network, rounded, save_network
 from skipnet.networks.describing import correspond
+from skipnet.networks.names import DEEP, DEEP_WEIGHTS
 from skipnet.networks.torch_network import TorchNetwork
+from skipnet.registration.answer import Answer
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.pipeline import register
+from skipnet.registration.searching import is_enough
+from skipnet.registration.verdict import Verdict
 from skipnet.simulation.scanning.glimpses import EYES, glimpse
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING
+from skipnet.skipmap.resolution import choose_voxel_size
+from skipnet.skipmap.skipmap import build_skipmap
 from skipnet.training.data.factory import KINDS, Factory, make_pairs, make_scans
 from skipnet.training.data.pairs import PatchPairs, digest
 from skipnet.training.experiments.deep_descriptor import TrainableDeepNetwork
@@ -33,7 +40,7 @@ from skipnet.training.schedule import Schedule
 from skipnet.training.task import Judgement
 from skipnet.training.tasks.descriptor import DescriptorTask, StepPlan
 from skipnet.training.trainer import Outcome, Trainer
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, Status
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +193,7 @@ def test_a_training_on_the_factory_resumes_to_the_bit(tmp_path: Path) -> None:
 def test_train_py_writes_a_deep_network_that_registers(tmp_path: Path) -> None:
     counts = {"steps": 4, "validate_every": 2, "window": 8, "validation_pairs": 1, "test_pairs": 2}
     counts |= {"scans_per_step": 2, "patches_per_step": 32, "patches_per_scans": 20}
-    counts |= {"local_channels": 8, "hidden_units": 16}
+    counts |= {"local_channels": 8, "hidden_units": 16, "first": 100, "threads": 1}
     options = [f"deep.{name}={count}" for name, count in counts.items()]
     assert main(["experiment=deep", "data.workers=1", f"output_dir={tmp_path}", *options]) == 0
     network = find_network(str(tmp_path / "descriptor.npz"))
@@ -202,3 +209,52 @@ def test_train_py_writes_a_deep_network_that_registers(tmp_path: Path) -> None:
     assert scans is not None
     rows_s, rows_t, distance = correspond(scans.source, scans.target, network, 100)
     assert len(rows_s) == len(rows_t) == len(distance) > 0
+
+
+def test_the_shipped_weights_are_small_and_their_card_says_where_they_come_from() -> None:
+    card = find_network(DEEP).card
+    assert card["training_data"]["origin"].startswith("simulation only")
+    assert card["training_data"]["kinds"].keys() == KINDS.keys()
+    assert {"seed", "device", "hours", "reached", "scores"} <= card.keys()
+    assert card["scores"]["learned"]["pairs"] > 0
+    assert DEEP_WEIGHTS.stat().st_size < 4_000_000
+
+
+def test_a_scan_turned_by_quarters_is_described_alike() -> None:
+    """They lead voxels to voxels: all that is left is where sectors begin."""
+    rng = np.random.default_rng(0)
+    cloud_m, _, _ = glimpse("kitchen", DEEP_TEST.scene(0), EYES["camera"], rng)
+    size_m, network = choose_voxel_size(cloud_m), find_network(DEEP)
+    turn = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    one, other = (
+        build_skipmap(points_m, size_m, np.zeros(3)) for points_m in (cloud_m, cloud_m @ turn.T)
+    )
+    described, again = (network.read(network.cut(m, np.arange(len(m))))[0] for m in (one, other))
+    distance_m, row = cKDTree(other.centroids_m).query(one.centroids_m @ turn.T)
+    same = distance_m < 1e-6
+    assert same.mean() > 0.9
+    alike = np.einsum("kd,kd->k", described[same], again[row[same]])
+    shuffled = rng.permutation(described)
+    assert np.median(alike) > 0.95
+    assert np.median(np.einsum("kd,kd->k", described, shuffled)) < 0.5
+
+
+def test_a_training_goes_on_from_weights(tmp_path: Path, network: TrainableDeepNetwork) -> None:
+    path = tmp_path / "start.npz"
+    save_network(network.arrays(), {"architecture": "deep", "widths": network.widths}, path)
+    going_on = TrainableDeepNetwork(**network.widths)
+    going_on.go_on_from(find_network(str(path)))
+    going_on.fit_scaling(torch.full((3, *GRID_SHAPE), 5.0))  # keeps what it has
+    for name, weight in rounded(network.arrays()).items():
+        np.testing.assert_array_equal(going_on.arrays()[name], weight)
+    with pytest.raises(ValueError, match=r"deep\.start"):
+        TrainableDeepNetwork(**network.widths | {"local": 4}).go_on_from(find_network(str(path)))
+    with pytest.raises(ValueError, match=r"deep\.start"):
+        going_on.go_on_from(find_network())
+
+
+def test_the_last_resorts_are_asked_only_while_nothing_is_registered() -> None:
+    unsure = replace(Answer.none(), verdict=Verdict(Status.REGISTERED, 0.6, ""))
+    for generator in (Generator.deep, Generator.fpfh):
+        assert is_enough(unsure, generator) and not is_enough(Answer.none(), generator)
+    assert not is_enough(unsure, Generator.descriptors)

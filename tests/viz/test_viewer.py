@@ -99,7 +99,7 @@ def test_a_browser_draws_it_without_an_error(tmp_path, scans, poses):
         log.textContent = "said: " + document.querySelector(".said").textContent;
         </script>"""
     page = tmp_path / "page.html"
-    page.write_text(html.page("test", viewer(scans, poses, start=1), check))
+    page.write_text(html.page("test", *[viewer(scans, poses, start=1)] * 2, check))
     command = [browser, "--headless=new", "--no-sandbox", "--use-gl=angle", "--dump-dom"]
     command += [
         "--use-angle=swiftshader",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from skipnet.benchmark.datasets.layout import Layout
 from skipnet.benchmark.datasets.pairset import Listed
 from skipnet.benchmark.options import ProtocolKind
 from skipnet.geometry import invert
+from skipnet.storage import is_inside, read_json
 
 PAIRS_FILE = "pairs.json"
 
@@ -29,10 +29,7 @@ def list_pairs(folder: Path) -> list[Listed]:
     path = folder / PAIRS_FILE
     if not path.is_file():
         raise FileNotFoundError(f"no {PAIRS_FILE} in {folder}")
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))["pairs"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f'{path} is no JSON object with a list of "pairs": {error!r}') from error
+    entries = read_json(path).get("pairs")
     if not isinstance(entries, list) or not entries:
         got = f"{type(entries).__name__} {entries}"[:60]
         raise ValueError(f'{path}: "pairs" must be a list with an entry or more, got {got}')
@@ -53,14 +50,20 @@ def _parse(entry: dict[str, Any], folder: Path) -> Listed:
     for key in ("set", "source", "target"):
         if not isinstance(entry[key], str):
             raise ValueError(f"{key} must be a string, got {entry[key]!r}")
+        if key != "set" and not is_inside(entry[key]):
+            raise ValueError(f"{key} must be a path in the folder, got {entry[key]!r}")
     name = f"{entry['set']}/{Path(entry['source']).stem}-to-{Path(entry['target']).stem}"
     T_target_source = np.asarray(entry["T_target_source"], dtype=np.float64)
-    if T_target_source.shape != (4, 4):
-        raise ValueError(f"{name}: T_target_source must be 4x4, got shape {T_target_source.shape}")
+    if T_target_source.shape != (4, 4) or not np.isfinite(T_target_source).all():
+        shape = T_target_source.shape
+        raise ValueError(f"{name}: T_target_source must be 4x4 numbers, got shape {shape}")
     is_rigid = np.allclose(T_target_source @ invert(T_target_source), np.eye(4), atol=1e-3)
     if not is_rigid or np.linalg.det(T_target_source[:3, :3]) < 0:
         raise ValueError(f"{name}: T_target_source must be a rigid motion, got {T_target_source}")
     overlap = entry.get("overlap")
+    for key in ("success_rotation_deg", "success_translation_m"):
+        if not 0 < float(entry[key]) < np.inf:
+            raise ValueError(f"{name}: {key} must be above 0, got {entry[key]}")
     return Listed(
         name=name,
         set_name=entry["set"],

@@ -10,9 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from skipnet.benchmark.reporting.comparison import confidence_scores
+from skipnet.benchmark.reporting.pages import Dots
 from skipnet.benchmark.reporting.tables import final_rows
 from skipnet.benchmark.scoring.scoring import ScoreRow
-from skipnet.viz.dashboard import log_hyperparameters, log_png, log_scalars, open_dashboard
+from skipnet.viz.dashboard import (
+    log_dots,
+    log_hyperparameters,
+    log_png,
+    log_scalars,
+    open_dashboard,
+)
 from skipnet.viz.tables import Table
 
 CURVE_MM = tuple(round(10 ** (exponent / 8)) for exponent in range(8, 33))
@@ -23,8 +30,6 @@ MEDIANS = {
     "time_s": "4 median time of the stage (s)",
 }
 """Measures by the names under which TensorBoard sorts them."""
-RUN_PARAMETERS = ("benchmark", "pairs from", "protocol")
-"""What tells runs apart in the table of parameters, beside the method."""
 PAIR_MEASURES = ("mean_error_mm", "rotation_error_deg", "total_s")
 
 
@@ -34,6 +39,7 @@ def write_events(
     entries: Sequence[Mapping[str, Any]],
     tables: Sequence[Table],
     pictures: Mapping[str, bytes],
+    dots: Mapping[str, Dots],
     folder: Path,
 ) -> None:
     """Tables and pictures into ``folder``, the curves of each method into a folder within it.
@@ -44,6 +50,7 @@ def write_events(
         entries: of the summary, one per method and stage.
         tables: of the report.
         pictures: PNG contents by name.
+        dots: what the mesh tab shows, by name.
         folder: what TensorBoard is pointed at, or a folder above it to compare runs. Emptied first:
             an earlier scoring of the same answers would mix with this one.
     """
@@ -54,11 +61,13 @@ def write_events(
             writer.add_text(f"{place:02d} {table.title}", table.markdown())
         for name, png in pictures.items():
             log_png(writer, f"figures/{name}", png)
+        for name, shown in dots.items():
+            log_dots(writer, f"pairs/{name}", shown.points_m, shown.colours)
     step_of = {name: step for step, name in enumerate(dict.fromkeys(row.pair for row in rows))}
     for method in dict.fromkeys(row.method for row in rows):
         final = final_rows(rows, method)
         with open_dashboard(folder / re.sub(r"\W+", "_", method)) as writer:
-            parameters = {"method": method, **{name: about[name] for name in RUN_PARAMETERS}}
+            parameters = {"method": method, **about}
             log_hyperparameters(writer, parameters, method_scores(method, entries, final))
             for limit_mm, share in cumulative_curve(final):
                 log_scalars(writer, {"2 curves/share of pairs within step mm": share}, limit_mm)

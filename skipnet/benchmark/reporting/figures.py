@@ -18,11 +18,17 @@ from skipnet.benchmark.reporting.curves import (
     legend_beside,
     new_figure,
 )
-from skipnet.benchmark.reporting.pages import ReportFigure
+from skipnet.benchmark.reporting.pages import Dots, ReportFigure
 from skipnet.benchmark.scoring.predictions import Prediction
 from skipnet.benchmark.scoring.scoring import ScoreRow
 from skipnet.benchmark.scoring.summary import row_label
+from skipnet.geometry import transform_points
+from skipnet.types import FloatArray, IntArray, Pair
+from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR
 from skipnet.viz.pictures import draw_before_after
+from skipnet.viz.viewed import ViewedPose, ViewedScan
+from skipnet.viz.viewer import viewer
+from skipnet.viz.views import thin
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,6 +37,8 @@ STAGE_COLOURS = {"map": "#56B4E9", "transform": "#E69F00", "fine": "#0072B2"}
 STAGE_NAMES = {"map": "voxels and map", "transform": "coarse transform", "fine": "fine match"}
 FARTHEST_MM = 1e5
 """A diverged pose, kilometres away, does not set the scale."""
+_VIEWED_POINTS = 40_000
+"""Of a pair in 3-D; a report has several."""
 MOST_WITH_COARSE = 4
 """With more methods, curves show their final poses only."""
 
@@ -99,8 +107,38 @@ def draw_extremes(
             f"{row.rotation_error_deg:.3g} degrees, {row.mean_error_mm:.3g} mm"
         )
         figure = draw_before_after(pair.source_m, pair.target_m, pose)
-        figures.append(ReportFigure(f"{kind}_pair", caption, figure))
+        figures.append(
+            ReportFigure(f"{kind}_pair", caption, figure, _view(pair, pose), _dots(pair, pose))
+        )
     return figures
+
+
+def _view(pair: Pair, T_target_source: FloatArray) -> str:
+    """A pair in 3-D: as the method has it, in truth, and before."""
+    stays = np.eye(4)
+    scans = [
+        ViewedScan("source", pair.source_m, SOURCE_COLOUR),
+        ViewedScan("target", pair.target_m, TARGET_COLOUR),
+    ]
+    poses = [
+        ViewedPose("answer", "What the method answered.", (T_target_source, stays)),
+        ViewedPose("truth", "Where the source is in truth.", (pair.T_target_source, stays)),
+        ViewedPose("as they came", "Both scans as they came.", (stays, stays)),
+    ]
+    return viewer(scans, poses, most=_VIEWED_POINTS)
+
+
+def _dots(pair: Pair, T_target_source: FloatArray) -> Dots:
+    """Both scans as the method has them, in their colours."""
+    moved_m = transform_points(T_target_source, thin(pair.source_m, _VIEWED_POINTS // 4))
+    fixed_m = thin(pair.target_m, _VIEWED_POINTS // 4)
+    colours = [np.tile(_rgb(SOURCE_COLOUR), (len(moved_m), 1))]
+    colours.append(np.tile(_rgb(TARGET_COLOUR), (len(fixed_m), 1)))
+    return Dots(np.concatenate([moved_m, fixed_m]), np.concatenate(colours))
+
+
+def _rgb(colour: str) -> IntArray:
+    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], np.uint8)
 
 
 def draw_error_curves(rows: Sequence[ScoreRow], labels: dict[str, str]) -> Figure:

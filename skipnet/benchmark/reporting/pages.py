@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from skipnet.provenance import versions
 from skipnet.storage import write_bytes, write_text
+from skipnet.types import FloatArray, IntArray
 from skipnet.viz import html
-from skipnet.viz.tables import Table
+from skipnet.viz.tables import Table, markdown_text
 from skipnet.viz.views import png_bytes
 
 if TYPE_CHECKING:
@@ -26,12 +27,26 @@ PNG_COLOURS = 128
 
 
 @dataclass(frozen=True)
+class Dots:
+    """Points in their colours."""
+
+    points_m: FloatArray
+    """(N, 3)."""
+    colours: IntArray
+    """(N, 3) uint8."""
+
+
+@dataclass(frozen=True)
 class ReportFigure:
     """A figure with the name of its file and what stands beneath it."""
 
     name: str
     caption: str
     figure: Figure
+    view: str = ""
+    """The same in 3-D, as HTML."""
+    dots: Dots | None = None
+    """The same for TensorBoard's mesh tab."""
 
 
 @dataclass(frozen=True)
@@ -58,18 +73,23 @@ class Report:
 
     def markdown(self) -> str:
         """report.md; its pictures are the files in figures/."""
-        about = [f"- {name}: {value}" for name, value in self.summary["about"].items()]
-        lines = [f"# {self.title}", "", *about, "", *self.summary["comparison"], ""]
+        about = [
+            f"- {markdown_text(name)}: {markdown_text(value)}"
+            for name, value in self.summary["about"].items()
+        ]
+        sentences = map(markdown_text, self.summary["comparison"])
+        lines = [f"# {markdown_text(self.title)}", "", *about, "", *sentences, ""]
         lines += [table.markdown() for table in self.tables]
         for one in self.figures:
-            lines += [f"![{one.caption}](figures/{one.name}.png)", "", one.caption, ""]
+            caption = markdown_text(one.caption)
+            lines += [f"![{caption}](figures/{one.name}.png)", "", caption, ""]
         return "\n".join([*lines, self._footer(), ""])
 
     def page(self, pictures: dict[str, bytes]) -> str:
         """report.html: one file that opens without anything beside it."""
         opened = [_html_table(table) for table in self.tables if not table.folded]
         folded = [_html_table(table) for table in self.tables if table.folded]
-        shown = [html.picture(pictures[one.name], one.caption) for one in self.figures]
+        shown = [html.picture(pictures[one.name], one.caption) + one.view for one in self.figures]
         return html.page(
             self.title,
             html.table(["", ""], list(self.summary["about"].items())),

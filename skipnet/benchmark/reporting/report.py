@@ -86,7 +86,9 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     )
     title = f"Registration benchmark: {results.about['benchmark']}"
     pictures = Report(title, summary, tables, figures).write(folder)
-    write_events(results.about, results.rows, entries, tables, pictures, folder / "tensorboard")
+    dots = {one.name: one.dots for one in figures if one.dots is not None}
+    where = folder / "tensorboard"
+    write_events(results.about, results.rows, entries, tables, pictures, dots, where)
     return summary
 
 

@@ -7,12 +7,11 @@ methods.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -35,13 +34,14 @@ from skipnet.benchmark.scoring.predictions import (
     save_correspondences,
 )
 from skipnet.benchmark.scoring.scoring import Scorer, best_of_groups, choose_best, score_predictions
+from skipnet.progress import say, tell
 from skipnet.storage import write_config
 from skipnet.types import FloatArray, Pair
 
 PREDICTIONS_FILE = "predictions.jsonl"
 
 
-def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
+def run_benchmark(config: EvaluateConfig) -> dict[str, Any]:
     """Predict, score and report; everything is written into ``config.output_dir``.
 
     Returns:
@@ -57,8 +57,8 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
     check_same_settings(path, methods)
     folder.mkdir(parents=True, exist_ok=True)
     write_config(config, folder / "config.yaml")
-    predict(pair_set, methods, path, progress)
-    print("scoring and drawing ...", file=progress)
+    predict(pair_set, methods, path)
+    tell("scoring and drawing")
     predictions = read_predictions(path)
     labels = {method.name: method.label for method in methods}
     scorer = Scorer(protocol_of(config), folder, config.inlier_distance_m)
@@ -76,7 +76,7 @@ def run_benchmark(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict
         worst=config.worst,
     )
     summary = write_report(results, folder)
-    print(f"see {folder / 'report.html'}", file=progress)
+    say(f"see {folder / 'report.html'}")
     return summary
 
 
@@ -100,9 +100,7 @@ def check_same_settings(path: Path, methods: Iterable[NamedMethod]) -> None:
             )
 
 
-def predict(
-    pair_set: PairSet, methods: list[NamedMethod], path: Path, progress: TextIO = sys.stderr
-) -> None:
+def predict(pair_set: PairSet, methods: list[NamedMethod], path: Path) -> None:
     """Append to ``path`` the answer of every method to every pair for which it has none yet."""
     known = {(p.pair, p.method): p for p in read_predictions(path)}
     todo = [
@@ -111,24 +109,26 @@ def predict(
         if any((name, method.name) not in known for method in methods)
     ]
     if len(todo) < len(pair_set):
-        print(f"{len(pair_set) - len(todo)} pairs were answered before", file=progress)
+        say(f"{len(pair_set) - len(todo)} pairs were answered before")
     started = time.perf_counter()
     for done, index in enumerate(todo):
         name = pair_set.names[index]
         pair = pair_set.load(index)
-        print(f"[{index + 1}/{len(pair_set)}] {name}", end="", file=progress, flush=True)
+        tell("pairs", done, len(todo))
+        words = []
         for method in methods:
             if (name, method.name) in known:
                 continue
             start = known.get((name, method.start_from))
+            tell(method.name)
             prediction = answer(method, pair, start, path.parent)
             append_prediction(path, prediction)
             known[name, method.name] = prediction
             word = "raised" if prediction.error else prediction.status
-            print(f" | {method.name}: {word}, {prediction.time_s:.2f} s", end="", file=progress)
-            progress.flush()
+            words.append(f"{method.name}: {word}, {prediction.time_s:.2f} s")
         left_s = (time.perf_counter() - started) / (done + 1) * (len(todo) - done - 1)
-        print(f" | about {left_s / 60:.0f} min left", file=progress)
+        words.append(f"about {left_s / 60:.0f} min left")
+        say(f"[{index + 1}/{len(pair_set)}] {name} | " + " | ".join(words))
 
 
 def answer(method: NamedMethod, pair: Pair, start: Prediction | None, folder: Path) -> Prediction:

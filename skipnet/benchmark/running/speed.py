@@ -9,37 +9,34 @@ its own: freed memory stays with a process, and a second method would find it th
 from __future__ import annotations
 
 import json
-import multiprocessing
-import resource
-import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
-from skipnet.benchmark.methods import Method, Task, make_method
+from skipnet.benchmark.methods import Method, make_method
 from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.running.memory import peak_bytes, task_of
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.checks import require
 from skipnet.geometry import pose_error
+from skipnet.progress import say
+from skipnet.simulation.scanning.hard import check_kinds, hard_pair
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import check_families
 from skipnet.simulation.seeds import SPEED
-from skipnet.types import FloatArray, Pair
+from skipnet.types import Pair
 
 MEASUREMENTS_FILE = "measurements.jsonl"
 _WARM_UP_POINTS = 5000
 """Each method registers so small a pair first: what it imports late does not count."""
 _PROBE_BEAMS = 20_000
-_BYTES_PER_RSS_UNIT = 1 if sys.platform == "darwin" else 1024
 
 
-def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str, Any]:
+def run_speed(config: EvaluateConfig) -> dict[str, Any]:
     """Measure all chosen methods at all sizes and write the report into ``config.output_dir``.
 
     Returns:
@@ -64,9 +61,9 @@ def run_speed(config: EvaluateConfig, progress: TextIO = sys.stderr) -> dict[str
             measured.append(measurement)
             file.write(json.dumps(asdict(measurement)) + "\n")
             file.flush()
-            print(_line(measurement), file=progress)
+            say(_line(measurement))
     summary = write_speed_report(config, measured, folder)
-    print(f"see {folder / 'report.html'}", file=progress)
+    say(f"see {folder / 'report.html'}")
     return summary
 
 
@@ -74,6 +71,7 @@ def _check(config: EvaluateConfig, path: Path) -> None:
     """Refuse what cannot be measured, before anything is."""
     require(bool(config.methods), "methods", [], "at least one, methods=[NAME,NAME]")
     check_families(config.speed.families)
+    check_kinds(config.speed.kinds)
     SPEED.take(config.pairs, skip=config.seed)
     for name, method in config.methods.items():
         before = method.start_from
@@ -96,27 +94,56 @@ def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
     """Every method on every pair of every family and size, small sizes first."""
     seeds = SPEED.take(config.pairs, skip=config.seed)
     for family in config.speed.families:
-        methods = {name: make_method(*_recipe(config, name, family)) for name in config.methods}
         small = simulate_size(family, seeds[0], _WARM_UP_POINTS)
-        for name, method in methods.items():
-            measure(
-                method, small, Measurement(family, _WARM_UP_POINTS, name, seeds[0], 0, 0, False)
-            )
+        methods = _warm_methods(config, family, small)
         for size in config.speed.points:
             names = [name for name in config.methods if size <= _most_points(config, name)]
+            some = {name: methods[name] for name in names}
             for turn, seed in enumerate(seeds):
                 pair = simulate_size(family, seed, size)
-                runs: dict[str, list[Measurement]] = {name: [] for name in names}
-                for repeat in range(config.speed.repeats):
-                    for name in names if (turn + repeat) % 2 == 0 else reversed(names):
-                        about = Measurement(family, size, name, seed, 0, 0, False)
-                        runs[name].append(measure(methods[name], pair, about))
-                for name in names:
-                    found = middle(runs[name])
+                for found in _in_turns(some, pair, (family, size, seed), turn, config):
                     if turn == 0 and config.speed.memory:
-                        recipe = _recipe(config, name, family)
+                        recipe = _recipe(config, found.method, family)
                         found = replace(found, extra_bytes=peak_bytes(recipe, pair, small))
                     yield found
+    for kind in config.speed.kinds:
+        methods = _warm_methods(config, kind, hard_pair(kind, seeds[0]))
+        for turn, seed in enumerate(seeds):
+            pair = hard_pair(kind, seed)
+            yield from _in_turns(methods, pair, (kind, 0, seed), turn, config)
+
+
+def _warm_methods(config: EvaluateConfig, family: str, pair: Pair) -> dict[str, Method]:
+    """The chosen methods, each of which has registered a pair."""
+    methods = {name: make_method(*_recipe(config, name, family)) for name in config.methods}
+    for name, method in methods.items():
+        measure(method, pair, Measurement(family, 0, name, 0, 0, 0, False))
+    return methods
+
+
+def _in_turns(
+    methods: Mapping[str, Method],
+    pair: Pair,
+    about: tuple[str, int, int],
+    turn: int,
+    config: EvaluateConfig,
+) -> list[Measurement]:
+    """The middle run of each method on a pair, of so many as ``config`` says, taking turns.
+
+    Args:
+        methods: by name.
+        pair: to register.
+        about: family, size and seed.
+        turn: number of the pair: which method begins changes with it.
+        config: says how often.
+    """
+    family, size, seed = about
+    runs: dict[str, list[Measurement]] = {name: [] for name in methods}
+    for repeat in range(config.speed.repeats):
+        for name in list(methods)[:: 1 if (turn + repeat) % 2 == 0 else -1]:
+            blank = Measurement(family, size, name, seed, 0, 0, False)
+            runs[name].append(measure(methods[name], pair, blank))
+    return [middle(same) for same in runs.values()]
 
 
 def simulate_size(family: str, seed: int, points: int) -> Pair:
@@ -147,7 +174,7 @@ def measure(method: Method, pair: Pair, about: Measurement) -> Measurement:
         points=len(pair.source_m) + len(pair.target_m),
         input_bytes=pair.source_m.nbytes + pair.target_m.nbytes,
     )
-    task = _task(pair)
+    task = task_of(pair)
     started = time.perf_counter()
     try:
         estimate = method(task)
@@ -156,72 +183,16 @@ def measure(method: Method, pair: Pair, about: Measurement) -> Measurement:
         return replace(found, time_s=time.perf_counter() - started, error=reason)
     time_s = time.perf_counter() - started
     rotation_rad, translation_m = pose_error(estimate.T_target_source, pair.T_target_source)
+    # What shares nothing has no right pose: a method that knows it does not register it.
     is_right = (
-        rotation_rad < pair.success_rotation_rad and translation_m < pair.success_translation_m
+        estimate.status != "registered"
+        if pair.overlap == 0
+        else (
+            rotation_rad < pair.success_rotation_rad and translation_m < pair.success_translation_m
+        )
     )
     stages_s = dict(estimate.timings_s or estimate.stage_s)
     return replace(found, time_s=time_s, is_right=is_right, stages_s=stages_s)
-
-
-def _task(pair: Pair) -> Task:
-    return Task(pair.source_m, pair.target_m, pair.source_viewpoint_m, pair.target_viewpoint_m)
-
-
-def peak_bytes(recipe: tuple[str, Mapping[str, Any]], pair: Pair, small: Pair) -> int | None:
-    """Peak memory of one call beyond its input, in a process of its own; None if it died.
-
-    Args:
-        recipe: path of the function that makes the method, and its options.
-        pair: to register.
-        small: registered before, so that modules loaded late do not count.
-    """
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder) / f"{name}.npy" for name in ("source", "target")]
-        np.save(paths[0], pair.source_m)
-        np.save(paths[1], pair.target_m)
-        viewpoints_m = pair.source_viewpoint_m, pair.target_viewpoint_m
-        arguments = recipe, paths, viewpoints_m, _task(small), theirs
-        child = context.Process(target=_report_peak, args=arguments)
-        child.start()
-        theirs.close()
-        try:
-            extra: int | None = ours.recv()
-        except EOFError:
-            extra = None
-        child.join()
-    return extra
-
-
-def _report_peak(
-    recipe: tuple[str, Mapping[str, Any]],
-    paths: list[Path],
-    viewpoints_m: tuple[FloatArray | None, FloatArray | None],
-    small: Task,
-    pipe: Connection,
-) -> None:
-    """The child: how far the peak of resident memory rises above where it stood before the call."""
-    method = make_method(*recipe)
-    method(small)
-    task = Task(np.load(paths[0]), np.load(paths[1]), *viewpoints_m)
-    before = _memory_bytes()[0]
-    method(task)
-    pipe.send(max(_memory_bytes()[1] - before, 0))
-
-
-def _memory_bytes() -> tuple[int, int]:
-    """Resident memory of this process, now and at its peak; on other systems than Linux the peak.
-
-    Linux's own figures, because ``getrusage`` lets a child start at its parent's peak.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
-        now, peak = (int(lines[name].split()[0]) * 1024 for name in ("VmRSS", "VmHWM"))
-        return now, peak
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _BYTES_PER_RSS_UNIT
-    return peak, peak
 
 
 def _recipe(config: EvaluateConfig, name: str, family: str) -> tuple[str, Mapping[str, Any]]:
@@ -240,5 +211,5 @@ def _most_points(config: EvaluateConfig, name: str) -> float:
 
 def _line(found: Measurement) -> str:
     outcome = found.error or ("right" if found.is_right else "wrong")
-    size = f"{found.family} {found.size:,} points, scene {found.seed}"
+    size = f"{found.family} {found.points // 2:,} points, scene {found.seed}"
     return f"{size} | {found.method}: {found.time_s:.3f} s, {outcome}"

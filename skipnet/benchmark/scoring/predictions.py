@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from skipnet.storage import append_line, read_lines
-from skipnet.types import FloatArray
+from skipnet.clouds.formats.arrays import read_npy
+from skipnet.storage import append_line, is_inside, parsed, read_lines, replacing
+from skipnet.types import FloatArray, Status
 
 Matrix = list[list[float]]
 
@@ -59,19 +59,28 @@ def save_correspondences(
     """Write (K, 3) source and target points that a method holds for the same, and note the file."""
     digest = hashlib.sha256(prediction.pair.encode()).hexdigest()[:16]
     path = Path("correspondences") / prediction.method / f"{digest}.npy"
-    (folder / path).parent.mkdir(parents=True, exist_ok=True)
     clouds = np.stack([source_m, target_m]).astype(np.float32)
-    np.save(folder / path, clouds)
+    with replacing(folder / path) as temporary:
+        np.save(temporary, clouds)
     return replace(prediction, correspondences=path.as_posix())
 
 
 def load_correspondences(
     folder: Path, prediction: Prediction
 ) -> tuple[FloatArray, FloatArray] | None:
-    """What ``save_correspondences`` wrote; None if the method has none."""
+    """What ``save_correspondences`` wrote; None if the method has none.
+
+    Raises:
+        FileNotFoundError: the file is gone.
+        ValueError: it holds something else.
+    """
     if prediction.correspondences is None:
         return None
-    source_m, target_m = np.load(folder / prediction.correspondences).astype(np.float64)
+    path = folder / prediction.correspondences
+    both = read_npy(path)
+    if both.ndim != 3 or both.shape[0] != 2 or both.shape[2] != 3 or both.dtype.kind != "f":
+        raise ValueError(f"{path}: holds {both.dtype} of shape {both.shape}: expected (2, K, 3)")
+    source_m, target_m = both.astype(np.float64)
     return source_m, target_m
 
 
@@ -89,8 +98,46 @@ def read_predictions(path: Path) -> list[Prediction]:
 
 def _parse(line: str, path: Path, number: int) -> Prediction:
     try:
-        return Prediction(**json.loads(line))
-    except (json.JSONDecodeError, TypeError) as error:
+        prediction = Prediction(**parsed(line, "the line"))
+        _check(prediction)
+    except (ValueError, TypeError) as error:
         raise ValueError(
             f"{path}, line {number} is not a prediction ({error}): choose another output_dir"
         ) from error
+    return prediction
+
+
+def _check(prediction: Prediction) -> None:
+    """Refuse what no run of ours writes; a run folder may come from anywhere."""
+    texts = ("pair", "method", "settings_hash", "status", "reason")
+    wrong = [name for name in texts if not isinstance(getattr(prediction, name), str)]
+    for name in ("T_target_source", "T_target_source_coarse"):
+        matrix = getattr(prediction, name)
+        if matrix is not None and not _is_pose(matrix):
+            wrong.append(name)
+    for name in ("time_s", "confidence", "margin"):
+        value = getattr(prediction, name)
+        if not (isinstance(value, int | float) or (value is None and name != "time_s")):
+            wrong.append(name)
+    for name in ("stage_s", "timings_s"):
+        times_s = getattr(prediction, name)
+        is_table = isinstance(times_s, dict)
+        if not is_table or not all(isinstance(time_s, int | float) for time_s in times_s.values()):
+            wrong.append(name)
+    if prediction.status not in tuple(Status):
+        wrong.append("status")
+    if not isinstance(prediction.error, str | None):
+        wrong.append("error")
+    file = prediction.correspondences
+    if file is not None and not (isinstance(file, str) and is_inside(file)):
+        wrong.append("correspondences")
+    if wrong:
+        raise ValueError(f"its {', '.join(dict.fromkeys(wrong))} cannot be right")
+
+
+def _is_pose(matrix: object) -> bool:
+    try:
+        values = np.array(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return values.shape == (4, 4) and bool(np.isfinite(values).all())

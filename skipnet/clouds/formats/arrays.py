@@ -15,11 +15,15 @@ from skipnet.clouds.formats.columns import as_colour, cloud_of_columns, columns_
 from skipnet.clouds.formats.unnamed import name_columns
 from skipnet.storage import replacing
 
-_POINTS = ("points", "points_m", "xyz", "pts", "pos", "positions", "coords", "vertices", "pcd")
+_POINTS = ("points", "points_m", "xyz", "pts", "pos", "positions", "position", "coords", "coord",
+           "coordinates", "vertices", "pcd", "pc", "cloud", "point_cloud", "pointcloud", "lidar",
+           "velodyne", "data", "arr_0")  # fmt: skip
 _COLOURS = ("colors", "colours", "color", "colour", "rgb")
 _NORMALS = ("normals", "normal")
 _INTENSITY = ("intensity", "intensities", "reflectance")
 _VIEWPOINT = ("viewpoint_m", "viewpoint")
+_WIDTHS = range(3, 11)
+"""Numbers that an array has per point."""
 _LARGEST_RATIO = 1100
 """Of what deflate packs; an archive that promises more is not read."""
 
@@ -31,11 +35,19 @@ def read_numpy(path: Path) -> Iterator[Cloud]:
         ValueError: it is damaged, or no array in it can be points.
     """
     if zipfile.is_zipfile(path):
-        yield _cloud_of_archive(_read_archive(path), path)
+        yield _cloud_of_archive(read_archive(path), path)
         return
+    yield _cloud_of_array(read_npy(path), path, {})
+
+
+def read_npy(path: Path) -> np.ndarray:
+    """The array of an .npy file, held against the bytes that there are.
+
+    Raises:
+        ValueError: it is damaged, or no such file.
+    """
     with open(path, "rb") as file:
-        array = _read_array(file, path.stat().st_size, str(path))
-    yield _cloud_of_array(array, path, {})
+        return _read_array(file, path.stat().st_size, str(path))
 
 
 def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
@@ -52,6 +64,8 @@ def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
         raise ValueError(f"{what}: truncated or not a NumPy file: {message}") from error
     if dtype.hasobject:
         raise ValueError(f"{what}: holds Python objects, which are never read: expected numbers")
+    if dtype.itemsize == 0:
+        raise ValueError(f"{what}: holds {dtype}, which takes no room: expected numbers")
     bytes_ = math.prod(shape) * dtype.itemsize
     if bytes_ > available or min(shape, default=0) < 0:
         raise ValueError(f"{what}: truncated: announces {shape} {dtype}, which it does not hold")
@@ -64,7 +78,12 @@ def _read_array(file: IO[bytes], available: int, what: str) -> np.ndarray:
     return np.frombuffer(body, dtype).reshape(shape, order="F" if fortran else "C")
 
 
-def _read_archive(path: Path) -> dict[str, np.ndarray]:
+def read_archive(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name, each held against the bytes that there are.
+
+    Raises:
+        ValueError: it is damaged, or no such archive.
+    """
     arrays = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -83,10 +102,15 @@ def _read_archive(path: Path) -> dict[str, np.ndarray]:
 
 
 def _cloud_of_archive(arrays: dict[str, np.ndarray], path: Path) -> Cloud:
-    name = next((name for name in _POINTS if name in arrays), None)
+    small = {name.lower(): name for name in reversed(arrays)}
+    name = next((small[name] for name in _POINTS if name in small), None) or _only_points(arrays)
     if name is not None:
         points = arrays.pop(name)
-        return _cloud_of_array(points, path, arrays)
+        return _cloud_of_array(
+            points, path, {name.lower(): array for name, array in arrays.items()}
+        )
+    if len({array.shape for array in arrays.values()}) == 1 and find_axes(list(arrays)):
+        arrays = {name: array.ravel() for name, array in arrays.items()}  # images of coordinates
     columns = {name: array for name, array in arrays.items() if array.ndim == 1}
     if find_axes(list(columns)) and len({len(array) for array in columns.values()}) == 1:
         _check_kinds(columns, path)
@@ -99,6 +123,21 @@ def _cloud_of_archive(arrays: dict[str, np.ndarray], path: Path) -> Cloud:
     )
 
 
+def _only_points(arrays: Mapping[str, np.ndarray]) -> str | None:
+    """The name of the one array that can be points, if there is no other."""
+    known = {*_COLOURS, *_NORMALS}
+    fitting = [
+        name
+        for name, array in arrays.items()
+        if array.ndim == 2
+        and array.shape[1] >= 3
+        and array.shape not in ((3, 3), (4, 4), (3, 4))
+        and array.dtype.kind in "iuf"
+        and name.lower() not in known
+    ]
+    return fitting[0] if len(fitting) == 1 else None
+
+
 def _check_kinds(columns: Mapping[str, np.ndarray], path: Path) -> None:
     for name, array in columns.items():
         if array.dtype.kind not in "iufb":
@@ -108,11 +147,17 @@ def _check_kinds(columns: Mapping[str, np.ndarray], path: Path) -> None:
 def _cloud_of_array(array: np.ndarray, path: Path, beside: dict[str, np.ndarray]) -> Cloud:
     """The cloud of an array of rows, of (H, W, 3) pixels, or of records with named fields."""
     if array.dtype.names:
-        records = {name: array[name].ravel() for name in array.dtype.names}
-        columns = {name: values for name, values in records.items() if values.dtype.kind in "iuf"}
+        array = array.ravel()
+        records = {name: array[name] for name in array.dtype.names or ()}
+        if not find_axes(list(records)):
+            return _cloud_of_archive(records, path)
+        columns = {
+            name: values
+            for name, values in records.items()
+            if values.dtype.kind in "iuf" and values.ndim == 1
+        }
         return cloud_of_columns(columns, path)
-    if array.ndim == 3 and array.shape[2] == 3:
-        array = array.reshape(-1, 3)
+    array = _by_rows(array)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
         raise ValueError(
             f"{path}: holds {array.dtype} of shape {array.shape}: expected (N, 3) numbers"
@@ -121,6 +166,17 @@ def _cloud_of_array(array: np.ndarray, path: Path, beside: dict[str, np.ndarray]
     names, notes = name_columns(table, path)
     cloud = cloud_of_columns(dict(zip(names, table.T, strict=True)), path, notes=notes)
     return _with_what_is_beside(cloud, beside)
+
+
+def _by_rows(array: np.ndarray) -> np.ndarray:
+    """(N, k) of (H, W, k) or (k, H, W) pixels, of (N, k) rows or (k, N) columns."""
+    if array.ndim == 3 and array.shape[0] in _WIDTHS and min(array.shape[1:]) > max(_WIDTHS):
+        array = np.moveaxis(array, 0, 2)
+    if array.ndim == 3 and array.shape[2] in _WIDTHS:
+        array = array.reshape(-1, array.shape[2])
+    if array.ndim == 2 and array.shape[0] in _WIDTHS and array.shape[1] > max(_WIDTHS):
+        array = array.T
+    return array
 
 
 def _with_what_is_beside(cloud: Cloud, beside: dict[str, np.ndarray]) -> Cloud:

@@ -13,11 +13,15 @@ from skipnet.checks import METRES_PER_UNIT
 from skipnet.clouds.cloud import Cloud
 from skipnet.types import FloatArray, IntArray
 
-_AXES = (
-    ("x", "easting", "east", "x_coord", "coord_x", "xcoord", "pos_x", "position_x", "px"),
-    ("y", "northing", "north", "y_coord", "coord_y", "ycoord", "pos_y", "position_y", "py"),
-    ("z", "elevation", "height", "altitude", "z_coord", "coord_z", "zcoord", "pos_z", "position_z",
-     "pz"),
+_AXES = tuple(
+    (axis, f"field.{axis}", f"points:{number}", f"points_m_xyz:{number}", f"{axis}_coord",
+     f"coord_{axis}", f"{axis}coord", f"{axis}-coordinate", f"{axis}_coordinate", f"coord{axis}",
+     f"pos_{axis}", f"position_{axis}", f"pos{axis}", f"p{axis}", *others)
+    for number, axis, others in (
+        (0, "x", ("easting", "east", "rechtswert", "x coordinate")),
+        (1, "y", ("northing", "north", "hochwert", "y coordinate")),
+        (2, "z", ("elevation", "height", "altitude", "höhe", "hoehe", "z coordinate")),
+    )
 )  # fmt: skip
 _COLOURS = (
     ("r", "red", "rf", "diffuse_red"),
@@ -26,8 +30,20 @@ _COLOURS = (
 )
 _NORMALS = (("nx", "normal_x"), ("ny", "normal_y"), ("nz", "normal_z"))
 _INTENSITY = (("intensity", "i", "reflectance", "reflectivity", "scalar_intensity", "remission"),)
+_UNIT_WORDS = {
+    **{unit: unit for unit in METRES_PER_UNIT},
+    **{"foot": "ft", "feet": "ft", "inch": "in", "inches": "in"},
+    **{f"{prefix}met{end}": unit for prefix, unit in
+       (("", "m"), ("milli", "mm"), ("centi", "cm"), ("kilo", "km"))
+       for end in ("re", "res", "er", "ers")},
+}  # fmt: skip
+_ANY_UNIT = "|".join(sorted(_UNIT_WORDS, key=len, reverse=True))
 _UNIT = re.compile(
-    r"^(.*?)[\s_]*[\[(<]\s*(mm|cm|km|m|ft|in)\s*[\])>]$|^([xyz])_(mm|cm|km|m|ft|in)$"
+    rf"^(.*?)[\s_]*[\[(<]\s*({_ANY_UNIT})\s*[\])>]$|^([xyz])_({_ANY_UNIT})$"
+    rf"|^(.+?)(?: in |/)({_ANY_UNIT})$"
+)
+_SAID_UNIT = re.compile(
+    rf"\bunits?\b[^a-z0-9]*(?:(?:is|are|of|length)\b[^a-z0-9]*)*({_ANY_UNIT})\b"
 )
 
 
@@ -41,7 +57,23 @@ def plain_name(name: str) -> tuple[str, str | None]:
     match = _UNIT.match(name)
     if match is None:
         return name, None
-    return match[1] or match[3], match[2] or match[4]
+    name, unit = next((match[k], match[k + 1]) for k in (1, 3, 5) if match[k + 1])
+    return name, _UNIT_WORDS[unit]
+
+
+def unit_word(word: str) -> str | None:
+    """The unit that a word alone stands for, or None."""
+    return _UNIT_WORDS.get(word.strip(" \"'[](){}<>").lower())
+
+
+def unit_in(remark: str) -> str | None:
+    """The unit that a sentence of a file's head says it is in, or None.
+
+    >>> unit_in("comment units: millimeters"), unit_in("made by a unit test")
+    ('mm', None)
+    """
+    match = _SAID_UNIT.search(remark.lower())
+    return _UNIT_WORDS[match[1]] if match else None
 
 
 def find_axes(names: list[str]) -> list[int]:
@@ -60,7 +92,7 @@ def cloud_of_columns(
         table: the columns; x, y, z (or easting, ...) among them, colours, normals and intensity
             recognised by their names, the others kept as they are.
         path: for the messages.
-        unit: of the coordinates; "auto" takes the one that the columns' names hold, else metres.
+        unit: of the coordinates, where the columns' names hold none; "auto": metres.
         facts: what else the file knows: fields of Cloud.
 
     Raises:
@@ -70,8 +102,7 @@ def cloud_of_columns(
     axes = [names[index] for index in find_axes(names)]
     if not axes:
         raise ValueError(f"{path}: lacks x, y or z: it has {', '.join(names) or 'no columns'}")
-    if unit == "auto":
-        unit = plain_name(axes[0])[1] or "m"
+    unit = plain_name(axes[0])[1] or ("m" if unit == "auto" else unit)
     left = {name: table[name] for name in names if name not in axes}
     return Cloud(
         points_m=stacked([table[axis] for axis in axes]) * METRES_PER_UNIT[unit],
@@ -112,7 +143,19 @@ def _single(table: FloatArray | None) -> FloatArray | None:
 
 def _colour(left: dict[str, np.ndarray]) -> IntArray | None:
     columns = _pop(left, _COLOURS)
-    return as_colour(columns) if columns else None
+    if columns:
+        return as_colour(columns)
+    packed = left.get("rgb")
+    if packed is None or packed.ndim > 1 or packed.dtype.kind == "b" or not _is_packed(packed):
+        return None
+    bits = left.pop("rgb").astype(np.int64)
+    return np.stack([bits >> 16 & 255, bits >> 8 & 255, bits & 255], axis=1).astype(np.uint8)
+
+
+def _is_packed(values: np.ndarray) -> bool:
+    """Whether numbers hold red, green and blue in their bytes."""
+    whole = np.isfinite(values).all() and (values == np.rint(values)).all()
+    return bool(whole and values.min(initial=0) >= 0 and 255 < values.max(initial=0) < 2**32)
 
 
 def as_colour(columns: list[np.ndarray]) -> IntArray:

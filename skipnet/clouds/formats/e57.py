@@ -11,8 +11,9 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,6 @@ from skipnet.checks import missing_package
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.columns import as_colour, stacked
 from skipnet.geometry import make_transform
-from skipnet.storage import replacing
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -63,13 +63,21 @@ def read_e57(path: Path) -> Iterator[Cloud]:
     with _errors_of(path):
         file = pye57.E57(str(path))
     try:
+        crs = _crs(file)
         for number in range(file.scan_count):
             with _errors_of(path):
                 cloud = _read_scan(file, number, path)
             if len(cloud):
-                yield cloud
+                yield replace(cloud, crs=crs)
     finally:
         file.close()
+
+
+def _crs(file: pye57.E57) -> str:
+    """The coordinate system that the file names, as text."""
+    root = file.root
+    has = root.isDefined("coordinateMetadata")
+    return str(root["coordinateMetadata"].value()).strip() if has else ""
 
 
 @contextmanager
@@ -206,32 +214,3 @@ def _without_checksums(body: bytes, into_page: int, page: int) -> bytes:
     first = page - into_page
     pieces = [body[:first], *(body[at : at + page] for at in range(first, len(body), page))]
     return b"".join(piece[:-_CRC_BYTES] if len(piece) >= _CRC_BYTES else b"" for piece in pieces)
-
-
-def write_e57(path: Path, scans: Iterable[Cloud]) -> None:
-    """Write each cloud as a scan of its own, posed at its viewpoint; whole or not at all."""
-    import pye57
-
-    with replacing(path) as temporary:
-        temporary.unlink()
-        file = pye57.E57(str(temporary), mode="w")
-        try:
-            for cloud in scans:
-                place_m = np.zeros(3) if cloud.viewpoint_m is None else cloud.viewpoint_m
-                columns = _scan_columns(cloud, place_m)
-                name = cloud.name.rpartition(": ")[2]
-                file.write_scan_raw(columns, name=Path(name).name, translation=place_m)
-        finally:
-            file.close()
-
-
-def _scan_columns(cloud: Cloud, place_m: FloatArray) -> dict[str, np.ndarray]:
-    local_m = cloud.points_m - place_m
-    columns = {name: np.ascontiguousarray(local_m[:, axis]) for axis, name in enumerate(_CARTESIAN)}
-    if cloud.colour is not None:
-        columns |= {
-            name: np.ascontiguousarray(cloud.colour[:, k]) for k, name in enumerate(_COLOURS)
-        }
-    if cloud.intensity is not None:
-        columns["intensity"] = np.asarray(cloud.intensity, np.float32)
-    return columns

@@ -16,6 +16,7 @@ from skipnet.clouds.cloud import Cloud, concatenate
 from skipnet.clouds.formats.columns import cloud_of_columns, stacked
 from skipnet.clouds.formats.coordinate_systems import DEGREES, unit_of_geokeys, unit_of_wkt
 from skipnet.clouds.formats.las_sizes import check_sizes
+from skipnet.clouds.formats.panics import without_trace
 from skipnet.storage import replacing
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ def read_las(path: Path) -> Iterator[Cloud]:
             header = file.header
             crs = _crs(header)
             unit = _unit(header, crs, path)
-            for records in file.chunk_iterator(RECORDS_AT_ONCE):
+            pieces = iter(file.chunk_iterator(RECORDS_AT_ONCE))
+            while (records := _next(pieces)) is not None:
                 present += len(records)
                 yield _cloud(records, header, crs, unit, path)
     except (KeyboardInterrupt, SystemExit, MemoryError, GeneratorExit):
@@ -66,14 +68,23 @@ def read_las(path: Path) -> Iterator[Cloud]:
         )
 
 
+def _next(pieces: Iterator[Any]) -> Any:
+    with without_trace():
+        return next(pieces, None)
+
+
 def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Path) -> Cloud:
     # Scaled by hand: the chunk's own x, y, z would make three more copies.
     raw = stacked([records.X, records.Y, records.Z])
     table = dict(zip("xyz", (raw * header.scales + header.offsets).T, strict=True))
     for name in records.point_format.dimension_names:
         values = np.asarray(records[name])
-        if name not in ("X", "Y", "Z") and values.any():
+        if name in ("X", "Y", "Z") or not values.any():
+            continue
+        if values.ndim == 1:
             table[name] = values
+        else:
+            table |= {f"{name} {k}": column for k, column in enumerate(values.T)}
     offset_m = np.array(header.offsets) * METRES_PER_UNIT[unit]
     return cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
 

@@ -79,7 +79,7 @@ def _whole_numbers(
             f"{path}: damaged header: expected {len(default)} whole numbers after {keyword}"
         )
     numbers = [int(word) for word in words]
-    if 0 in numbers:
+    if 0 in numbers and keyword != "COUNT":
         raise ValueError(f"{path}: damaged header: a 0 after {keyword}")
     return numbers
 

@@ -16,7 +16,7 @@ from typing import BinaryIO
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
-from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud
+from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud, unit_in
 from skipnet.clouds.formats.lists import read_ascii, read_binary
 from skipnet.clouds.formats.sampling import is_coarse, sample_triangles
 from skipnet.storage import replacing
@@ -29,6 +29,8 @@ _TYPES = {
     **dict.fromkeys(("ushort", "uint16"), "u2"),
     **dict.fromkeys(("int", "int32"), "i4"),
     **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("int64", "longlong"), "i8"),
+    **dict.fromkeys(("uint64", "ulonglong"), "u8"),
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
@@ -36,7 +38,9 @@ _NAMES = {"f4": "float", "f8": "double", "u1": "uchar", "i1": "char", "u2": "ush
 _NAMES |= {"i2": "short", "u4": "uint", "i4": "int"}
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER_LINES = 1000
+_LONGEST_LINE = 1 << 16
 _FACES = ("vertex_indices", "vertex_index")
+_VERTICES = ("vertex", "vertices", "point", "points")
 RECORDS_AT_ONCE = 1 << 18
 """Records read or written in one go."""
 
@@ -60,7 +64,7 @@ def read_ply(path: Path) -> Iterator[Cloud]:
         ValueError: it is not a PLY file, has no vertices, or ends before its last vertex.
     """
     with open(path, "rb") as file:
-        order, elements = _read_header(file, path)
+        order, elements, unit = _read_header(file, path)
         names = [element.name for element in elements]
         if "vertex" not in names:
             raise ValueError(
@@ -69,13 +73,13 @@ def read_ply(path: Path) -> Iterator[Cloud]:
         vertex = elements[names.index("vertex")]
         mesh = vertex.count and is_coarse(vertex.count) and "face" in names
         if mesh and elements[names.index("face")].count:
-            yield _sampled(file, elements, order, path)
+            yield _sampled(file, elements, order, unit, path)
             return
         for element in elements[: names.index("vertex")]:
             for _ in _pieces(file, element, order, path):
                 pass
         for table in _pieces(file, vertex, order, path):
-            yield cloud_of_columns(table, path, notes=_notes(vertex))
+            yield cloud_of_columns(table, path, unit, notes=_notes(vertex))
 
 
 def _notes(vertex: Element) -> tuple[str, ...]:
@@ -83,7 +87,7 @@ def _notes(vertex: Element) -> tuple[str, ...]:
     return (f"lists of its vertices left out: {left_out}",) if left_out else ()
 
 
-def _sampled(file: BinaryIO, elements: list[Element], order: str, path: Path) -> Cloud:
+def _sampled(file: BinaryIO, elements: list[Element], order: str, unit: str, path: Path) -> Cloud:
     """Points on the faces of a mesh."""
     vertices, faces = {}, []
     for element in elements:
@@ -92,7 +96,7 @@ def _sampled(file: BinaryIO, elements: list[Element], order: str, path: Path) ->
                 vertices = table
             elif element.name == "face":
                 faces += _polygons(table, path)
-    cloud = cloud_of_columns(vertices, path)
+    cloud = cloud_of_columns(vertices, path, unit)
     return sample_triangles(cloud, _triangles(faces, len(cloud), path))
 
 
@@ -115,23 +119,27 @@ def _triangles(polygons: list[IntArray], count: int, path: Path) -> IntArray:
     return triangles
 
 
-def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
-    """The byte order, "" for ascii, and the elements in their order."""
+def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[Element], str]:
+    """The byte order, "" for ascii, the elements in their order, and the unit if one is said."""
     if file.readline(16).strip().lower() != b"ply":
         raise ValueError(f"{path}: not a PLY file: its first line is not 'ply'")
-    format_name, elements = "", []
+    format_name, unit = "", "auto"
+    elements: list[Element] = []
     for _ in range(_LONGEST_HEADER_LINES):
-        words = file.readline(4096).decode("latin-1").split()
+        words = file.readline(_LONGEST_LINE).decode("latin-1").split()
         keyword = words[0].lower() if words else ""
         if keyword == "end_header":
             break
         if keyword == "format" and len(words) == 3:
             format_name = words[1].lower()
         elif keyword == "element" and len(words) == 3 and words[2].isdecimal():
-            elements.append(Element(words[1].lower(), int(words[2])))
+            name = "vertex" if words[1].lower() in _VERTICES else words[1].lower()
+            elements.append(Element(name, int(words[2])))
         elif keyword == "property" and elements:
             _add_property(elements[-1], words, path)
-        elif keyword not in ("", "comment", "obj_info"):
+        elif keyword in ("comment", "obj_info"):
+            unit = unit_in(" ".join(words[1:])) or unit
+        elif keyword:
             raise _unreadable(words, path)
     else:
         raise ValueError(f"{path}: truncated or not a PLY file: its header never ends")
@@ -139,7 +147,7 @@ def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[Element]]:
         raise ValueError(
             f"{path}: unknown PLY format {format_name[:40]!r}: expected one of {list(_BYTE_ORDERS)}"
         )
-    return "" if format_name == "ascii" else _BYTE_ORDERS[format_name], elements
+    return "" if format_name == "ascii" else _BYTE_ORDERS[format_name], elements, unit
 
 
 def _unreadable(words: list[str], path: Path) -> ValueError:
@@ -150,11 +158,14 @@ def _add_property(element: Element, words: list[str], path: Path) -> None:
     is_list = words[1:2] and words[1].lower() == "list"
     kinds = [_TYPES.get(word.lower()) for word in (words[2:4] if is_list else words[1:2])]
     known = {name for name, _ in element.columns}
-    if len(words) != (5 if is_list else 3) or None in kinds or words[-1] in known:
+    if len(words) != (5 if is_list else 3) or None in kinds:
         raise _unreadable(words, path)
-    element.columns.append((words[-1], str(kinds[-1])))
+    name = words[-1]
+    while name in known:  # some writers repeat a name; both columns stand in the records
+        name += "_"
+    element.columns.append((name, str(kinds[-1])))
     if is_list:
-        element.lists[words[-1]] = str(kinds[0])
+        element.lists[name] = str(kinds[0])
 
 
 def _pieces(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from skipnet.types import FloatArray
 LINES_AT_ONCE = 1 << 18
 """Lines parsed in one go."""
 _HEADER_LINES = 10
+_ROUNDING, _LEAST_SCALE = 1e-3, 1e-4
+_MET_NOTHING = re.compile(r"(\s*[-+]?0+(\.0*)?){3}\s+\S+\s*")
 
 
 def read_ptx(path: Path) -> Iterator[Cloud]:
@@ -27,11 +30,10 @@ def read_ptx(path: Path) -> Iterator[Cloud]:
     """
     with open(path, encoding="latin-1") as file:
         number = 0
-        while header := list(islice(file, _HEADER_LINES)):
-            if not "".join(header).strip():
-                break
-            beams, T_file_scan = _read_header(header, path)
-            cloud = _read_scan(file, beams, f"{path}: scan {number}")
+        lines = (line for line in file if not line.isspace())
+        while header := list(islice(lines, _HEADER_LINES)):
+            beams, T_file_scan, scale = _read_header(header, path)
+            cloud = _scaled(_read_scan(lines, beams, f"{path}: scan {number}"), scale)
             moved = cloud.moved(T_file_scan)
             is_moved = not np.array_equal(T_file_scan, np.eye(4))
             viewpoint_m = T_file_scan[:3, 3] if is_moved else None
@@ -42,8 +44,15 @@ def read_ptx(path: Path) -> Iterator[Cloud]:
         raise ValueError(f"{path}: holds no points")
 
 
-def _read_header(lines: list[str], path: Path) -> tuple[int, FloatArray]:
-    """The number of beams and the (4, 4) pose of the scan in the file's frame."""
+def _scaled(cloud: Cloud, scale: float) -> Cloud:
+    if scale == 1:
+        return cloud
+    note = f"its transform scales by {scale:.6g}, as a change of unit does"
+    return replace(cloud, points_m=scale * cloud.points_m, notes=(*cloud.notes, note))
+
+
+def _read_header(lines: list[str], path: Path) -> tuple[int, FloatArray, float]:
+    """The number of beams, the (4, 4) pose of the scan in the file's frame, and its scale."""
     rows = []
     for line in lines:
         try:
@@ -57,16 +66,26 @@ def _read_header(lines: list[str], path: Path) -> tuple[int, FloatArray]:
         )
     columns, lines_of_beams = rows[0][0], rows[1][0]
     T_file_scan = np.array(rows[6:]).T
+    scale = _scale(T_file_scan[:3, :3])
+    T_file_scan[:3, :3] /= scale
     turn = T_file_scan[:3, :3]
     if not np.isfinite(T_file_scan).all() or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
         raise ValueError(f"{path}: damaged: the transform of a scan is no rigid motion")
     beams = columns * lines_of_beams
     if not (0 <= beams < 2**40 and beams == int(beams)):
         raise ValueError(f"{path}: damaged: a scan of {columns:g} x {lines_of_beams:g} beams")
-    return int(beams), T_file_scan
+    return int(beams), T_file_scan, scale
 
 
-def _read_scan(file: TextIO, beams: int, name: str) -> Cloud:
+def _scale(turn: FloatArray) -> float:
+    """By how much a matrix makes things larger; 1 for what hardly does."""
+    with np.errstate(all="ignore"):
+        scale = float(np.cbrt(np.linalg.det(turn)))
+    usable = _LEAST_SCALE < scale < 1 / _LEAST_SCALE and abs(scale - 1) > _ROUNDING
+    return scale if usable else 1.0
+
+
+def _read_scan(file: Iterator[str], beams: int, name: str) -> Cloud:
     pieces: list[FloatArray] = []
     present = 0
     while present < beams:
@@ -88,6 +107,11 @@ def _read_scan(file: TextIO, beams: int, name: str) -> Cloud:
 
 
 def _parse(lines: list[str], name: str) -> FloatArray:
+    widths = {len(line.split()) for line in lines}
+    if widths == {4, 7}:  # beams that met nothing may come without their colours
+        lines = [
+            f"{line.rstrip()} 0 0 0" if _MET_NOTHING.fullmatch(line) else line for line in lines
+        ]
     try:
         table = np.loadtxt(lines, ndmin=2, comments=None)
     except ValueError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -38,8 +39,11 @@ _MAGIC: dict[bytes, str] = {
     b"\x89PNG\r\n\x1a\n": ".png",
 }
 """How files begin whose format names itself."""
+_TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _SCANS = (".e57", ".ptx")
 """Formats that may hold several scans."""
+_LONGEST_LINE = 480
+"""Letters of an error."""
 _FARTHEST_VIEWPOINT = 2.0
 """A sensor that stands farther from its points than so many of their diagonals is not believed."""
 
@@ -97,12 +101,28 @@ def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cl
     if unit != "auto":
         check_known("unit", unit, tuple(METRES_PER_UNIT))
     is_empty = True
-    for cloud in _READERS[_format_of(path)](path):
-        if len(cloud):
-            is_empty = False
-            yield cloud if unit in ("auto", cloud.unit) else _in_unit(cloud, unit)
+    with _clear_errors(path):
+        for cloud in _READERS[_format_of(path)](path):
+            if len(cloud):
+                is_empty = False
+                yield cloud if unit in ("auto", cloud.unit) else _in_unit(cloud, unit)
     if is_empty:
         raise ValueError(f"{path}: holds no points")
+
+
+@contextmanager
+def _clear_errors(path: Path) -> Iterator[None]:
+    """Errors name the file, and what they repeat of it is shown as far as it is text, and short."""
+    try:
+        yield
+    except ValueError as error:
+        message = str(error)
+        if str(path.parent) not in message:  # of a library that did not know it
+            message = f"{path}: damaged: {message}"
+        shown = "".join(letter if letter.isprintable() else "?" for letter in message)
+        if str(error) == shown[:_LONGEST_LINE]:
+            raise
+        raise ValueError(shown[:_LONGEST_LINE]) from error
 
 
 def _format_of(path: Path) -> str:
@@ -113,8 +133,12 @@ def _format_of(path: Path) -> str:
         if head.startswith(magic):
             return extension
     extension = path.suffix.lower()
+    if extension in _TEXTS and _looks_like_ptx(head):
+        return ".ptx"
     if extension not in _READERS or extension in _MAGIC.values():
         # Of a format that names itself, and does not: text is text, whatever it is called.
+        if _looks_like_ptx(head):
+            return ".ptx"
         if _looks_like_rows(head):
             return ".txt"
         if extension not in _READERS:
@@ -123,6 +147,14 @@ def _format_of(path: Path) -> str:
                 f"expected one of {', '.join(SUPPORTED)}"
             )
     return extension
+
+
+def _looks_like_ptx(head: bytes) -> bool:
+    """Whether a file begins as a PTX scan does: two counts, four lines of three, some of four."""
+    lines = [line.split() for line in head.splitlines()[:8]]
+    if [len(words) for words in lines] != [1, 1, 3, 3, 3, 3, 4, 4]:
+        return False
+    return all(words[0].isdigit() for words in lines[:2])
 
 
 def _looks_like_rows(head: bytes) -> bool:
@@ -167,7 +199,7 @@ def _finished(cloud: Cloud) -> Cloud:
 _READERS: dict[str, Callable[[Path], Iterator[Cloud]]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".asc", ".pts"), read_text),
+    **dict.fromkeys(_TEXTS, read_text),
     ".ptx": read_ptx,
     **dict.fromkeys((".npy", ".npz"), read_numpy),
     **dict.fromkeys((".las", ".laz"), read_las),

@@ -12,17 +12,23 @@ _RGB = ["red", "green", "blue"]
 _NORMAL = ["nx", "ny", "nz"]
 _ENOUGH_ROWS = 10
 """Of fewer rows nothing can be said."""
+_FAR = 1000.0
+"""Whole numbers beyond are rather a grid of map coordinates than rows and columns."""
 
 
-def name_columns(table: FloatArray, path: Path) -> tuple[list[str], tuple[str, ...]]:
+def name_columns(
+    table: FloatArray, path: Path, is_pts: bool = False
+) -> tuple[list[str], tuple[str, ...]]:
     """Names for the columns of a table, by their number and their values.
 
-    The first three are x, y, z. Colours are three whole numbers up to 255, normals three numbers of
-    length one, a fourth or seventh number is the intensity; the others are called by their place.
+    The first three are x, y, z. Colours are three whole numbers up to 255 or three shares,
+    normals three numbers of length one, a fourth or seventh number is the intensity; the others
+    are called by their place.
 
     Args:
         table: (N, k) numbers, k >= 3.
         path: for the messages.
+        is_pts: of seven columns the fourth is the intensity, whatever its values.
 
     Returns:
         The k names, and what was decided, for a person, where there is more than x, y and z.
@@ -34,27 +40,42 @@ def name_columns(table: FloatArray, path: Path) -> tuple[list[str], tuple[str, .
     width = table.shape[1]
     names = [f"column {number}" for number in range(1, width + 1)]
     names[:3] = "xyz"
-    if width in (4, 7) and not _are_colours(table[:, 3:6]):
+    pts = is_pts and width == 7 and _may_be_colours(table[:, 4:7])
+    if pts:
+        names[3:] = ["intensity", *_RGB]
+    elif width in (4, 7) and not _are_colours(table[:, 3:6]):
         names[3] = "intensity"
     for start in range(3, width - 2):
-        three = table[:, start : start + 3]
-        if any(name in names for name in _RGB) and any(name in names for name in _NORMAL):
-            break
-        if not names[start].startswith("column"):
-            continue
-        if "red" not in names and _are_colours(three):
-            names[start : start + 3] = _RGB
-        elif "nx" not in names and _are_normals(three):
-            names[start : start + 3] = _NORMAL
+        _name_three(names, table[:, start : start + 3], start)
     if width == 7 and names[3:6] == _RGB:
         names[6] = "intensity"
     notes = (f"columns taken as {', '.join(names)}",) if width > 3 else ()
     return names, notes
 
 
-def _are_colours(three: FloatArray) -> bool:
+def _name_three(names: list[str], three: FloatArray, start: int) -> None:
+    """Name three columns if they are colours or normals and nothing yet."""
+    if not all(name.startswith("column") for name in names[start : start + 3]):
+        return
+    if "nx" not in names and _are_normals(three):
+        names[start : start + 3] = _NORMAL
+    elif "red" not in names and (_are_colours(three) or _are_shares(three)):
+        names[start : start + 3] = _RGB
+
+
+def _may_be_colours(three: FloatArray) -> bool:
     whole = (three == np.rint(three)).all() and (three >= 0).all() and (three <= 255).all()
-    return bool(three.shape[1] == 3 and len(three) and whole and np.ptp(three) > 1)
+    return bool(three.shape[1] == 3 and len(three) and whole)
+
+
+def _are_colours(three: FloatArray) -> bool:
+    return _may_be_colours(three) and bool(np.ptp(three) > 1)
+
+
+def _are_shares(three: FloatArray) -> bool:
+    """Colours as numbers from 0 to 1."""
+    inside = bool((three >= 0).all() and (three <= 1).all())
+    return len(three) >= _ENOUGH_ROWS and inside and bool((np.ptp(three, axis=0) > 0).all())
 
 
 def _are_normals(three: FloatArray) -> bool:
@@ -63,20 +84,28 @@ def _are_normals(three: FloatArray) -> bool:
 
 
 def _check_places(table: FloatArray, path: Path) -> None:
-    """Refuse a first column that counts the lines, and whole numbers beside fractions."""
-    if len(table) < _ENOUGH_ROWS:
+    """Refuse a first column that counts the lines or the time, and whole numbers beside fractions.
+
+    Of three columns all must be coordinates: whole ones are a grid.
+    """
+    if len(table) < _ENOUGH_ROWS or table.shape[1] == 3:
         return
     places = table[:, :3]
     whole = [bool((column == np.rint(column)).all()) for column in places.T]
     moving = [bool(np.ptp(column) > 0) for column in places.T]
-    fractions = not all(whole)
-    odd = [axis + 1 for axis in range(3) if whole[axis] and moving[axis] and fractions]
-    counts_lines = table.shape[1] > 3 and (np.diff(places[:, 0]) == 1).all()
-    if odd or counts_lines:
-        what = (
-            "counts the lines" if counts_lines else "holds whole numbers alone, unlike the others"
-        )
-        raise ValueError(
-            f"{path}: column {1 if counts_lines else odd[0]} {what}: it is hardly a coordinate; "
-            "name the columns in a first line, such as: row x y z"
-        )
+    near = [bool(np.abs(column).min() < _FAR) for column in places.T]
+    odd = [
+        axis + 1 for axis in range(3) if whole[axis] and moving[axis] and near[axis]
+    ] if not all(whole) else []  # fmt: skip
+    steps = np.diff(places[:, 0])
+    counts = bool((steps == 1).all())
+    tells_time = bool((steps > 0).all() and np.ptp(steps) < 0.01 * steps.mean())
+    if not (odd or counts or tells_time):
+        return
+    what = "counts the lines" if counts else "grows evenly from line to line, as a time does"
+    if not (counts or tells_time):
+        what = "holds whole numbers alone, unlike the others"
+    raise ValueError(
+        f"{path}: column {1 if counts or tells_time else odd[0]} {what}: it is hardly a "
+        "coordinate; name the columns in a first line, such as: row x y z"
+    )

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from skipnet.clouds.cloud import Cloud, as_cloud, concatenate
 from skipnet.clouds.formats.arrays import write_npy, write_npz
 from skipnet.clouds.formats.columns import columns_of_cloud
-from skipnet.clouds.formats.e57 import write_e57
+from skipnet.clouds.formats.e57_writing import write_e57
 from skipnet.clouds.formats.las import write_las
 from skipnet.clouds.formats.pcd import write_pcd
 from skipnet.clouds.formats.ply import write_ply

@@ -34,6 +34,13 @@ class Matches:
     gradient: FloatArray
     """(C, 6) ... and the right one: what a small motion should be, times the information."""
 
+    @staticmethod
+    def none(matched: IntArray) -> Matches:
+        """Zeros for (C,) numbers of correspondences, to be added up in."""
+        count = len(matched)
+        centre_m, information = np.zeros((count, 3)), np.zeros((count, 6, 6))
+        return Matches(matched, centre_m, np.zeros(count), information, np.zeros((count, 6)))
+
 
 _Arrays = tuple[FloatArray, FloatArray, FloatArray]
 """The first three fields of ``Surfaces``."""
@@ -80,48 +87,78 @@ def match_surfaces(
         table: the target voxel in each cell.
         min_normal_cosine: smallest cosine between matching normals.
     """
-    figures = _normal_equations(
+    pairs, matched = np.empty((len(T), len(source.centroids_m), 8)), np.zeros(len(T), np.int64)
+    _pair_up_all(
         T,
         (source.centroids_m, source.normals, source.variance_m2),
         (target.centroids_m, target.normals, target.variance_m2),
         table.find_moved(T, source.centroids_m),
         source.oriented and target.oriented,
         min_normal_cosine,
+        pairs,
+        matched,
     )
-    return Matches(*figures)
+    typical_m2 = np.array(
+        [_typical_m2(own[:count]) for own, count in zip(pairs, matched, strict=True)]
+    )
+    found = Matches.none(matched)
+    _sum_up_all(
+        pairs,
+        matched,
+        typical_m2,
+        (found.centre_m, found.spread_m, found.information, found.gradient),
+    )
+    return found
+
+
+def _typical_m2(pairs: FloatArray) -> float:
+    """Square of the median residual of (K, 8) pairs."""
+    every = 1 + len(pairs) // _MEDIAN_SAMPLES
+    return float(np.median(np.abs(pairs[::every, 6]))) ** 2 if len(pairs) else 0.0
 
 
 @compiled
-def _normal_equations(
+def _pair_up_all(
     T_target_source: FloatArray,
     source: _Arrays,
     target: _Arrays,
     row: IntArray,
     oriented: bool,
     min_normal_cosine: float,
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The fields of ``Matches``: robustly weighted normal equations (Geman-McClure) of the
-    residuals along the mean of both normals, about the matched points' centre."""
-    candidates, samples = row.shape
-    matched = np.zeros(candidates, dtype=np.int64)
-    centre_m, spread_m = np.zeros((candidates, 3)), np.zeros(candidates)
-    information, gradient = np.zeros((candidates, 6, 6)), np.zeros((candidates, 6))
-    pairs = np.empty((samples, 8))
-    for c in range(candidates):
-        T = T_target_source[c]
-        count = _pair_up(T, source, target, row[c], oriented, min_normal_cosine, pairs)
+    pairs: FloatArray,
+    matched: IntArray,
+) -> None:
+    """``_pair_up`` for (C, 4, 4) poses, into (C, S, 8) ``pairs`` and (C,) ``matched``."""
+    for c in range(len(row)):
+        matched[c] = _pair_up(
+            T_target_source[c], source, target, row[c], oriented, min_normal_cosine, pairs[c]
+        )
+
+
+@compiled
+def _sum_up_all(
+    pairs: FloatArray,
+    matched: IntArray,
+    typical_m2: FloatArray,
+    figures: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
+    """Centre, spread, information and gradient of C candidates: robustly weighted normal equations
+    (Geman-McClure) of the residuals along the mean of both normals, about the matched points'
+    centre, into zeros."""
+    centre_m, spread_m, information, gradient = figures
+    for c in range(len(pairs)):
+        count = matched[c]
         if count == 0:
             continue
-        matched[c] = count
         for k in range(count):
             for i in range(3):
-                centre_m[c, i] += pairs[k, i]
-        centre_m[c] /= count
-        every = 1 + count // _MEDIAN_SAMPLES
-        typical_m2 = np.median(np.abs(pairs[:count:every, 6])) ** 2
-        square_m2 = _sum_up(pairs[:count], centre_m[c], typical_m2, information[c], gradient[c])
+                centre_m[c, i] += pairs[c, k, i]
+        for i in range(3):
+            centre_m[c, i] /= count
+        square_m2 = _sum_up(
+            pairs[c, :count], centre_m[c], typical_m2[c], information[c], gradient[c]
+        )
         spread_m[c] = np.sqrt(square_m2 / count)
-    return matched, centre_m, spread_m, information, gradient
 
 
 @compiled

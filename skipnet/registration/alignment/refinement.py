@@ -15,7 +15,7 @@ import numpy as np
 from skipnet.geometry import invert, make_transform, rotation_from_vector
 from skipnet.registration.alignment.normal_equations import Matches, Surfaces, match_surfaces
 from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 MIN_MATCHES = 50
 """Fewer correspondences at a level say nothing."""
@@ -59,6 +59,16 @@ class Refinement:
             self.spread_m[rows],
         )
 
+    def where(self, good: BoolArray, other: Refinement) -> Refinement:
+        """These candidates where (C,) ``good`` says so, elsewhere those of the other."""
+        return Refinement(
+            np.where(good[:, None, None], self.T_target_source, other.T_target_source),
+            np.where(good[:, None, None], self.information, other.information),
+            np.where(good, self.matched, other.matched),
+            np.where(good[:, None], self.centre_m, other.centre_m),
+            np.where(good, self.spread_m, other.spread_m),
+        )
+
 
 def refine(
     T_target_source: FloatArray,
@@ -85,7 +95,7 @@ def refine(
         surfaces = Surfaces.of(source, rows), Surfaces.of(target, slice(None))
         for _ in range(max_steps):
             matches = match_surfaces(T, *surfaces, target.table, min_normal_cosine)
-            T, moved_m = _gauss_newton_step(T, matches)
+            T, moved_m = gauss_newton_step(T, matches)
             if moved_m < 1e-4 * target.voxel_size_m:
                 break
         result = _keep_tracked(result, T, matches, 1.5 * target.voxel_size_m)
@@ -106,13 +116,8 @@ def _keep_tracked(
     before_m = apply(before.T_target_source, apply(invert(T), matches.centre_m))
     shift_m = np.linalg.norm(matches.centre_m - before_m, axis=1)
     good = (matches.matched >= MIN_MATCHES) & (shift_m < max_shift_m)
-    return Refinement(
-        np.where(good[:, None, None], T, before.T_target_source),
-        np.where(good[:, None, None], matches.information, before.information),
-        np.where(good, matches.matched, before.matched),
-        np.where(good[:, None], matches.centre_m, before.centre_m),
-        np.where(good, matches.spread_m, before.spread_m),
-    )
+    after = Refinement(T, matches.information, matches.matched, matches.centre_m, matches.spread_m)
+    return after.where(good, before)
 
 
 def apply(T_a_b: FloatArray, point_b_m: FloatArray) -> FloatArray:
@@ -127,7 +132,7 @@ def _spread_rows(count: int, samples: int | None) -> IntArray | slice:
     return np.linspace(0, count - 1, samples).astype(np.int64)
 
 
-def _gauss_newton_step(T: FloatArray, matches: Matches) -> tuple[FloatArray, float]:
+def gauss_newton_step(T: FloatArray, matches: Matches) -> tuple[FloatArray, float]:
     """Move every pose by its normal equations' solution; directions left free stay put."""
     diagonal = np.einsum("cii->ci", matches.information)
     # Mean squared lever of the rotation: what it moves where the normals feel it.

@@ -2,35 +2,34 @@
 
 A voxel that holds one scan line has no normal of its own, so ``refinement`` finds no hold there.
 Generalized ICP (Segal et al., RSS 2009) takes each point's surface from its nearest neighbours,
-however far they are, and weighs two surfaces by how well they agree. small_gicp does it well; what
-is checked here is that its answer is still the pose it was asked about.
+however far they are, and weighs two surfaces by how well they agree. Candidates are aligned
+together, by a sample of the points; the one that is best by small_gicp, with all of them. What is
+checked here is that an answer is still the pose that was asked about.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration.alignment.distributions import match_distributions
+from skipnet.registration.alignment.refinement import Refinement, apply, gauss_newton_step
+from skipnet.scans.sparse import Thinned
 from skipnet.types import FloatArray
-
-if TYPE_CHECKING:
-    from small_gicp import KdTree, PointCloud, RegistrationResult
 
 REACHES_VOXELS = (4.0, 2.0, 1.0)
 """Farthest correspondence, from the first alignment to the last."""
+MAX_STEPS = 5
+"""Of each candidate, at each reach."""
+SAMPLES = 1000
+"""Points of the source that candidates are aligned with."""
 MAX_ITERATIONS = 12
-"""At each reach; right poses need 5 or so, and wrong ones would go on for long."""
+"""Of the best one's last alignment."""
 MAX_SHIFT_VOXELS = 3.0
 """A pose that moves further has run away."""
 
 
 def refine_sparse(
-    before: Refinement,
-    source: tuple[PointCloud, KdTree],
-    target: tuple[PointCloud, KdTree],
-    voxel_size_m: float,
+    before: Refinement, source: Thinned, target: Thinned, voxel_size_m: float
 ) -> Refinement:
     """Refine candidate poses by GICP; those that run away or find nothing stay as they were.
 
@@ -40,47 +39,62 @@ def refine_sparse(
         target: likewise.
         voxel_size_m: edge of a voxel.
     """
-    T, information = before.T_target_source.copy(), before.information.copy()
-    matched, centre_m = before.matched.copy(), before.centre_m.copy()
-    spread_m, points_m = before.spread_m.copy(), np.asarray(source[0].points())[:, :3]
-    centre_source_m = points_m.mean(axis=0)
-    for row, start in enumerate(before.T_target_source):
-        found = _align(start, source, target, voxel_size_m)
-        shift_m = (found.T_target_source - start)[:3] @ np.append(centre_source_m, 1)
-        ran_away = np.linalg.norm(shift_m) > MAX_SHIFT_VOXELS * voxel_size_m
-        if found.num_inliers == 0 or ran_away:
-            continue
-        T[row], matched[row] = found.T_target_source, found.num_inliers
-        centre_m[row] = (T[row] @ np.append(centre_source_m, 1))[:3]
-        spread_m[row] = np.sqrt(points_m.var(axis=0).sum())
-        # Mean squared Mahalanobis distance: the scale that the covariances leave open.
-        scale = max(2 * found.error / found.num_inliers, 1e-12)
-        information[row] = _in_target_axes(found.H, T[row], centre_source_m) / scale
-    return Refinement(T, information, matched, centre_m, spread_m)
+    T = before.T_target_source
+    share = max(1, len(source.points_m) // SAMPLES)
+    rows = np.arange(0, len(source.points_m), share)
+    for reach_voxels in REACHES_VOXELS:
+        for _ in range(MAX_STEPS):
+            reach_m = reach_voxels * voxel_size_m
+            matches, squared = match_distributions(T, source, rows, target, reach_m)
+            T, moved_m = gauss_newton_step(T, matches)
+            if moved_m < 1e-3 * voxel_size_m:
+                break
+    # The mean squared Mahalanobis distance is the scale that the covariances leave open; what a
+    # sample holds, all points hold so many times as firmly.
+    firmness = share / np.maximum(squared, 1e-12)
+    information = matches.information * firmness[:, None, None]
+    found = Refinement(T, information, share * matches.matched, matches.centre_m, matches.spread_m)
+    return _unless_lost(before, found, source, voxel_size_m)
 
 
-def _align(
-    T_target_source: FloatArray,
-    source: tuple[PointCloud, KdTree],
-    target: tuple[PointCloud, KdTree],
-    voxel_size_m: float,
-) -> RegistrationResult:
-    """One pose by GICP, with ever closer correspondences."""
+def finish_sparse(
+    before: Refinement, source: Thinned, target: Thinned, voxel_size_m: float
+) -> Refinement:
+    """Align one refined pose by all points; arguments as of ``refine_sparse``."""
     from small_gicp import align
 
-    for reach_voxels in REACHES_VOXELS:
-        found = align(
-            target[0],
-            source[0],
-            target[1],
-            T_target_source,
-            max_correspondence_distance=reach_voxels * voxel_size_m,
-            max_iterations=MAX_ITERATIONS,
-            translation_epsilon=1e-4 * voxel_size_m,
-            rotation_epsilon=1e-5,
-        )
-        T_target_source = found.T_target_source
-    return found
+    found = align(
+        target.cloud,
+        source.cloud,
+        target.tree,
+        before.T_target_source[0],
+        max_correspondence_distance=REACHES_VOXELS[-1] * voxel_size_m,
+        max_iterations=MAX_ITERATIONS,
+        translation_epsilon=1e-4 * voxel_size_m,
+        rotation_epsilon=1e-5,
+    )
+    T, centre_source_m = found.T_target_source, source.points_m.mean(axis=0)
+    scale = max(2 * found.error / max(found.num_inliers, 1), 1e-12)
+    information = _in_target_axes(found.H, T, centre_source_m) / scale
+    after = Refinement(
+        T[None],
+        information[None],
+        np.array([found.num_inliers]),
+        (T[:3, :3] @ centre_source_m + T[:3, 3])[None],
+        np.sqrt(source.points_m.var(axis=0).sum())[None],
+    )
+    return _unless_lost(before, after, source, voxel_size_m)
+
+
+def _unless_lost(
+    before: Refinement, after: Refinement, source: Thinned, voxel_size_m: float
+) -> Refinement:
+    """After alignment, or as before it where a pose ran away or found nothing."""
+    centre_m = np.broadcast_to(source.points_m.mean(axis=0), (len(after.matched), 3))
+    moved_m = apply(after.T_target_source, centre_m) - apply(before.T_target_source, centre_m)
+    shift_m = np.linalg.norm(moved_m, axis=1)
+    good = (after.matched > 0) & (shift_m <= MAX_SHIFT_VOXELS * voxel_size_m)
+    return after.where(good, before)
 
 
 def _in_target_axes(H: FloatArray, T_target_source: FloatArray, centre_m: FloatArray) -> FloatArray:

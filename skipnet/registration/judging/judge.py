@@ -41,6 +41,8 @@ FEW_WORTH = 20.0
 HOPELESS = 0.1
 """A candidate that scores less than this share of the best one's will not overtake it: right poses
 score a third of it and more, before any refinement, in doorways and on streets too."""
+APART_VOXELS = 3.0
+"""Candidates that bring the source nearer to where another one does are variants of it."""
 ROUNDS = ((24, 1000), (100, 400))
 """(samples, candidates that stay) of each round of a shortlist but the last ..."""
 LAST_ROUND = (400, 20)
@@ -66,6 +68,11 @@ class Judge:
     def voxel_size_m(self) -> float:
         """Edge of a voxel."""
         return self.target.voxel_size_m
+
+    @property
+    def blind(self) -> float:
+        """Share of the two scans whose viewpoint is unknown: they contradict nothing."""
+        return 1 - 0.5 * (self.source.trust + self.target.trust)
 
     def score(self, T_target_source: FloatArray, strictness: Strictness = FINE) -> Score:
         """Score (C, 4, 4) candidate poses by what both scans say about them."""
@@ -135,6 +142,13 @@ class Judge:
         centre_m, apart_m = self.source.centre_m, 2 * self.voxel_size_m
         return order[distinct(T_target_source[order], centre_m, apart_m)]
 
+    def apart(self, T_best: FloatArray, T_target_source: FloatArray) -> FloatArray:
+        """Those of (C, 4, 4) poses that are others than a (4, 4) one, and may rival it."""
+        poses = np.concatenate([T_best[None], T_target_source])
+        rows = distinct(poses, self.source.centre_m, APART_VOXELS * self.voxel_size_m)[1:]
+        total = self.score(poses[np.append(0, rows)], ROUGH).total
+        return poses[rows[total[1:] >= HOPELESS * total[0]]]
+
     def shortlist(self, T_target_source: FloatArray) -> FloatArray:
         """Judge (C, 4, 4) candidates with few samples, the better ones with more.
 
@@ -147,7 +161,7 @@ class Judge:
             T_target_source, total = T_target_source[best], total[best]
         T_target_source = T_target_source[total >= HOPELESS * total.max(initial=0.0)]
         # Before the last round, lest variants of one pose crowd out all others.
-        far_m = 3 * self.voxel_size_m
+        far_m = APART_VOXELS * self.voxel_size_m
         T_target_source = T_target_source[distinct(T_target_source, self.source.centre_m, far_m)]
         samples, stay = LAST_ROUND
         total = replace(self, samples=samples).score(T_target_source, ROUGH).total

@@ -10,6 +10,7 @@ from skipnet.geometry import transform_points
 from skipnet.simulation.situations.making import Situation
 from skipnet.simulation.situations.moving import hall, riding
 from skipnet.simulation.situations.objects import arch, part, table
+from skipnet.simulation.situations.repeating import pedestal, row
 from skipnet.simulation.situations.surfaces import ground, model, tank
 from skipnet.types import FloatArray
 
@@ -22,6 +23,8 @@ SITUATIONS: dict[str, Callable[[int], Situation]] = {
     "model": model,
     "ground": ground,
     "tank": tank,
+    "row": row,
+    "pedestal": pedestal,
 }
 """Each makes the situation number ``seed`` of its kind; the same seed gives the same bits."""
 MAX_ERROR = 0.01

@@ -131,6 +131,7 @@ class Factory:
         scans_per_step: what a step takes from the window.
         uses: steps that a pair of scans takes part in, on average, before it leaves the window.
         pool: makes pairs ahead.
+        first: number to begin with.
     """
 
     labelled = None
@@ -143,10 +144,11 @@ class Factory:
         scans_per_step: int,
         uses: float,
         pool: Executor,
+        first: int = 0,
     ) -> None:
         self._make = partial(make_pairs, per_scans=per_scans)
         self._window, self._rate = window, scans_per_step / uses
-        self._numbers, self._pool = numbers, pool
+        self._numbers, self._pool, self._first = numbers, pool, first
         self._at_first = min(AT_FIRST, window)
         self._ahead: deque[Future[PatchPairs | None]] = deque()
         self._held: deque[PatchPairs | None] = deque(maxlen=window)
@@ -155,7 +157,7 @@ class Factory:
 
     def digest(self) -> str:
         """What tells these lessons from others."""
-        what = f"{self._numbers} {self._make.keywords} {self._window} {self._rate}"
+        what = f"{self._numbers} {self._first} {self._make.keywords} {self._window} {self._rate}"
         return f"factory {what} {list(KINDS)} {RECIPE}"
 
     def pairs_at(self, step: int) -> Sequence[PatchPairs]:
@@ -166,7 +168,7 @@ class Factory:
             self._next = self._asked = stop - self._window
         while self._next < stop:
             while self._asked < stop + AHEAD:
-                number = self._numbers.scene(self._asked % self._numbers.count)
+                number = self._numbers.scene((self._first + self._asked) % self._numbers.count)
                 self._ahead.append(self._pool.submit(self._make, number))
                 self._asked += 1
             self._held.append(self._ahead.popleft().result())

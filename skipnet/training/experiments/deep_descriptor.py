@@ -14,6 +14,8 @@ from skipnet.metrics.correspondences import Keypoints, TwoScans
 from skipnet.networks.catalog import find_network, load_network, save_network
 from skipnet.networks.deep import DeepNetwork
 from skipnet.networks.devices import find_device
+from skipnet.networks.model import Model
+from skipnet.networks.names import DEEP_WEIGHTS
 from skipnet.networks.torch_network import TorchNetwork
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING, DEEP_VALIDATION
 from skipnet.storage import write_config, write_text
@@ -34,11 +36,32 @@ class TrainableDeepNetwork(DeepNetwork):
     mixed_precision = False
     """Whether it computes in bfloat16 while it learns, where that will do."""
 
+    _is_scaled = False
+
     def forward(self, grids: torch.Tensor) -> torch.Tensor:
         """See ``DeepNetwork``."""
         mixed = self.mixed_precision and self.training
         with torch.autocast(grids.device.type, torch.bfloat16, enabled=mixed):
             return super().forward(grids).float()
+
+    def go_on_from(self, model: Model) -> None:
+        """Take over the weights of a network, and how it scales its inputs.
+
+        Raises:
+            ValueError: a network of other widths.
+        """
+        arrays = getattr(model, "weights", {})
+        tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+        try:
+            self.load_state_dict(tensors, strict=True)
+        except RuntimeError as error:
+            raise ValueError(f"deep.start: {error}") from error
+        self._is_scaled = True
+
+    def fit_scaling(self, grids: torch.Tensor) -> None:
+        """See ``DeepNetwork``; a network that goes on keeps what it has."""
+        if not self._is_scaled:
+            super().fit_scaling(grids)
 
     def arrays(self) -> dict[str, Any]:
         """Weights and scaling as ``TorchNetwork`` takes them."""
@@ -77,6 +100,7 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
         window=options.window,
         scans_per_step=options.scans_per_step,
         uses=options.uses,
+        first=options.first,
     ) as lessons:
         outcome = fit(config, lessons)
     trained_s = time.perf_counter()
@@ -88,7 +112,8 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     scores = reports.judge_on_unseen(deep, test)
     scores["small network"] = reports.judge_on_unseen(find_network(), test)["learned"]
     card["scores"] = {name: groups["all"] for name, groups in scores.items()}
-    save_network(outcome.network.arrays(), card, path)
+    for target in [path, DEEP_WEIGHTS] if config.ship else [path]:
+        save_network(outcome.network.arrays(), card, target)
     seconds = {"training": trained_s - start_s, "judging": time.perf_counter() - trained_s}
     summary = {
         "experiment": config.experiment_name,
@@ -113,6 +138,8 @@ def fit(config: TrainConfig, lessons: Factory) -> Trained:
     network = TrainableDeepNetwork(
         options.local_channels, options.hidden_units, options.output_units, options.blocks
     )
+    if options.start is not None:
+        network.go_on_from(find_network(options.start))
     network.mixed_precision = options.mixed_precision
     scans = scans_of(DEEP_VALIDATION.take(options.validation_pairs))
     unseen = [Keypoints.of(one, network.model()) for one in scans]
@@ -138,6 +165,7 @@ def fit(config: TrainConfig, lessons: Factory) -> Trained:
             find_device(config.device.value),
             partial(reports.log_step, writer),
             partial(reports.log_round, writer),
+            options.threads,
         ).run()
 
 
@@ -149,6 +177,9 @@ def scans_of(numbers: range) -> list[TwoScans]:
 
 def make_card(config: TrainConfig, outcome: Trained) -> dict[str, Any]:
     """What the weights are, without their scores."""
+    start = config.deep.start
+    described = reports.for_card(config)
+    described["deep"]["start"] = None if start is None else find_network(start).digest
     return {
         "architecture": TorchNetwork.architecture,
         "widths": outcome.network.widths,
@@ -160,5 +191,5 @@ def make_card(config: TrainConfig, outcome: Trained) -> dict[str, Any]:
             "numbers": int(config.deep.steps * config.deep.scans_per_step / config.deep.uses),
         },
         "reached": reached(outcome),
-        "config": reports.for_card(config),
+        "config": described,
     }

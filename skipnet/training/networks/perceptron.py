@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from skipnet.storage import replacing, write_text
+from skipnet.storage import read_json, replacing, write_text
 from skipnet.types import FeatureClass, FloatArray
 
 PATCH_SIZE = 125
@@ -164,10 +164,13 @@ def load_classifier(path: Path) -> Classifier:
             raise FileNotFoundError(
                 f"no classifier file {file}; python train.py experiment=classes writes one"
             )
-    card = json.loads(card_path.read_text())
-    network = PatchNetwork(card["hidden_sizes"], card["activation"])
+    card = read_json(card_path)
     try:
-        network.load_state_dict(torch.load(path, weights_only=True), strict=True)
-    except RuntimeError as error:
-        raise ValueError(f"{path} does not fit the network on its card: {error}") from error
+        state = torch.load(path, weights_only=True)
+        with torch.device("meta"):  # a card of a stranger takes no memory
+            network = PatchNetwork(card["hidden_sizes"], card["activation"])
+        network.load_state_dict({n: v.float() for n, v in state.items()}, strict=True, assign=True)
+    except Exception as error:  # what torch, pickle and zipfile raise has no common base
+        message = " ".join(str(error).split())[:160]
+        raise ValueError(f"{path} does not fit the network on its card: {message}") from error
     return Classifier(network.eval(), card)

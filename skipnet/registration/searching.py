@@ -1,0 +1,98 @@
+"""The search on one screen: propose, verify, refine, until the verdict is clear."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skipnet.geometry import invert
+from skipnet.registration.answer import Answer
+from skipnet.registration.generators import propose
+from skipnet.registration.hypotheses.repeats import from_repeats
+from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.riding import silence_riders
+from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.registration.settling import settle
+from skipnet.registration.stopwatch import Stopwatch
+from skipnet.scans.scan import Scan
+from skipnet.types import FloatArray, Status
+
+CLEAR_CONFIDENCE = 0.95
+"""With this much confidence in a registered pose no further generator is asked."""
+
+LAST_RESORTS = (Generator.deep, Generator.fpfh)
+"""Asked only while nothing is registered."""
+
+
+def search(
+    source: Scan,
+    target: Scan,
+    config: RegistrationConfig,
+    clock: Stopwatch,
+    guesses: FloatArray | None = None,
+) -> Answer:
+    """Propose, verify and refine, one generator after the other until the verdict is clear.
+
+    (C, 4, 4) guesses stand among what the first generator proposes.
+    """
+    with clock("classes"):
+        evidence_s, evidence_t = (
+            scan.valued_evidence(config.feature_weight) for scan in (source, target)
+        )
+    answer = Answer.none()
+    if min(len(source.skipmap), len(target.skipmap)) == 0:
+        return answer
+    judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
+    judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
+    for generator in config.generators:
+        if is_enough(answer, generator):
+            break
+        with clock("hypotheses"):
+            hypotheses = propose(generator, source, target, config)
+        with clock("verification"):
+            fresh = judge.shortlist(_joined(guesses, hypotheses.T_target_source))
+            guesses = None
+        with clock("fine alignment"):
+            answer = settle(answer, fresh, source, target, judge, config)
+    return _with_repeats(answer, source, target, judge, config, clock)
+
+
+def _with_repeats(
+    answer: Answer,
+    source: Scan,
+    target: Scan,
+    judge: Judge,
+    config: RegistrationConfig,
+    clock: Stopwatch,
+) -> Answer:
+    """The answer after a look at what repeats: generators propose what agrees most, and where a
+    pattern brings both sensors to the same place of it, the true pose may not be among that."""
+    if answer.verdict.status is not Status.REGISTERED:
+        return answer
+    best = answer.T_target_source
+    with clock("hypotheses"):
+        hypotheses = from_repeats(best, judge.source, judge.target)
+    with clock("verification"):
+        fresh = judge.apart(best, judge.shortlist(hypotheses.T_target_source))
+    if len(fresh) == 0:
+        return answer
+    with clock("fine alignment"):
+        return settle(answer, fresh, source, target, judge, config)
+
+
+def _joined(guesses: FloatArray | None, proposed: FloatArray) -> FloatArray:
+    """(C, 4, 4) guesses before what a generator proposes."""
+    return proposed if guesses is None else np.concatenate([guesses, proposed])
+
+
+def is_enough(answer: Answer, coming: Generator) -> bool:
+    """Whether the coming generator need not be asked; the last resorts take longer than the others.
+
+    Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
+    asked for rivals.
+    """
+    is_last = coming in LAST_RESORTS
+    if not is_last and answer.findings is not None and answer.findings.is_blind:
+        return False
+    verdict = answer.verdict
+    enough = 0.0 if is_last else CLEAR_CONFIDENCE
+    return verdict.status is Status.REGISTERED and verdict.confidence >= enough
