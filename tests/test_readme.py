@@ -66,7 +66,8 @@ def test_the_python_snippets_run(tmp_path, monkeypatch, capsys, snippet):
     names: dict = {}
     exec(snippet, names)
     assert capsys.readouterr().out.startswith("registered")
-    assert len(names["aligned"]) == len(pair.source_m)
+    if "aligned" in snippet:
+        assert len(names["aligned"]) == len(pair.source_m)
 
 
 def test_every_supported_extension_is_named():
