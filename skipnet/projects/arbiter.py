@@ -10,7 +10,8 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.components import components
-from skipnet.projects.doubts import Doubts, places
+from skipnet.projects.doubts import Doubts
+from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
 from skipnet.projects.ways import Standards, rivals
 from skipnet.types import FloatArray

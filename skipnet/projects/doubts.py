@@ -9,10 +9,11 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.components import components
-from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
+from skipnet.projects.exchanges import exchanged, places
+from skipnet.projects.groups import Group, Joiner, in_order
 from skipnet.projects.motions import rival_split
 from skipnet.projects.ways import PairKey, Standards, Way, rivals
-from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE, leaders
+from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
 from skipnet.types import FloatArray
 
 MOST_OF_A_BUILDING = 0.45
@@ -82,6 +83,9 @@ class Doubts:
         others = [g for g in groups if g is not group and len(g.poses) > 1]
         sure = [s for s in group.scans if not self._is_torn(group, s, others)]
         sure = [s for s in sure if not self._has_twin(group, s)]
+        if not self._is_reliable:
+            moved = exchanged(group, self._joiner, self.standards)
+            sure = [s for s in sure if s not in moved]
         return Group({scan: group.poses[scan] for scan in sure})
 
     def _is_torn(self, group: Group, scan: int, groups: list[Group]) -> bool:
@@ -145,25 +149,3 @@ class Doubts:
             if self._joiner.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0]
             >= MIN_OVERLAP
         ]
-
-
-def places(group: Group, scan: int, joiner: Joiner) -> tuple[Way, list[Way]]:
-    """Where a scan stands among the others of its group, and where else it might."""
-    rest, alone = group.without(scan), Group.single(scan)
-    T = group.poses[scan]
-    said = joiner.witness.all_pairs(rest.poses, alone.poses, T[None])
-    ways = joiner.ways(rest, alone)
-    stack = np.concatenate([T[None], *(way.T[None] for way in ways)])
-    witness = joiner.witness
-    size_m = SAME_VOXELS * witness.voxel_size_m
-    is_here = leaders(stack, witness.centres_m[scan], size_m)[1:] == 0
-    here = Way(
-        T,
-        joiner.voters(group, scan),
-        0.0,
-        float(said.support[0]),
-        float(said.contradiction[0]),
-        int(said.witnesses[0]),
-        float(said.closest[0]),
-    )
-    return here, [way for way, same in zip(ways, is_here, strict=True) if not same]

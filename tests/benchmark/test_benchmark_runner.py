@@ -1,7 +1,6 @@
 """The run: truth stays with the scorer, failures count, killed runs go on where they stopped."""
 
 import csv
-import io
 import json
 import os
 import signal
@@ -83,7 +82,7 @@ def test_scores_of_a_run_by_hand(tmp_path):
         named("icp", local),
         named("icp_from_ours", local, start_from="ours"),
     ]
-    predict(pairs, entrants, path, io.StringIO())
+    predict(pairs, entrants, path)
     rows = score(pairs, [c.name for c in entrants], read_predictions(path))
     table = {
         (e["method"], e["stage"]): e for e in summarise(rows, {c.name: c.label for c in entrants})
@@ -108,7 +107,7 @@ def test_a_method_sees_no_truth(tmp_path):
         seen.append(task)
         return local(task)
 
-    predict(make_pairs(1), [named("spy", spy)], tmp_path / "p.jsonl", io.StringIO())
+    predict(make_pairs(1), [named("spy", spy)], tmp_path / "p.jsonl")
     (task,) = seen
     assert not any(np.array_equal(value, TRUTH) for value in vars(task).values())
     np.testing.assert_array_equal(task.T_target_source_start, np.eye(4))
@@ -122,7 +121,7 @@ def test_an_exception_is_a_failed_pair_that_counts(tmp_path):
     def sometimes(task):
         return raising(task) if next(calls) == 2 else two_staged(task)
 
-    predict(pairs, [named("shaky", sometimes)], path, io.StringIO())
+    predict(pairs, [named("shaky", sometimes)], path)
     failed = read_predictions(path)[2]
     assert failed.error == "ArithmeticError: no inliers"
     assert failed.T_target_source is None
@@ -135,7 +134,7 @@ def test_an_exception_is_a_failed_pair_that_counts(tmp_path):
 
 def test_most_pairs_failed_means_no_median(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(2)
-    predict(pairs, [named("broken", raising)], path, io.StringIO())
+    predict(pairs, [named("broken", raising)], path)
     (entry,) = summarise(score(pairs, ["broken"], read_predictions(path)), {"broken": "B"})
     assert entry["success_rate"] == 0.0
     assert entry["median"]["mean_error_mm"] is None
@@ -146,7 +145,7 @@ def test_most_pairs_failed_means_no_median(tmp_path):
 def test_a_dependent_method_fails_with_the_one_it_starts_from(tmp_path):
     path = tmp_path / "predictions.jsonl"
     entrants = [named("ours", raising), named("icp", local, start_from="ours")]
-    predict(make_pairs(1), entrants, path, io.StringIO())
+    predict(make_pairs(1), entrants, path)
     assert "ours gave no coarse pose" in read_predictions(path)[1].error
 
 
@@ -154,7 +153,7 @@ def test_a_dependent_method_fails_with_the_one_it_starts_from(tmp_path):
 def test_an_answer_that_is_no_pose_is_a_failure(tmp_path, pose):
     path = tmp_path / "predictions.jsonl"
     broken = named("broken", lambda task: Estimate(pose, {"fine": 0.1}))
-    predict(make_pairs(1), [broken], path, io.StringIO())
+    predict(make_pairs(1), [broken], path)
     assert "no pose" in read_predictions(path)[0].error
 
 
@@ -168,14 +167,14 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path):
         return two_staged(task)
 
     with pytest.raises(KeyboardInterrupt):
-        predict(pairs, [named("ours", counting)], path, io.StringIO())
+        predict(pairs, [named("ours", counting)], path)
     with path.open("a") as file:
         file.write('{"pair": "pair-2", "meth')  # the kill came in the middle of a line
-    predict(pairs, [named("ours", counting)], path, io.StringIO())
+    predict(pairs, [named("ours", counting)], path)
     assert len(calls) == 4
     assert [p.pair for p in read_predictions(path)] == list(pairs.names)
     # Nothing is missing now: nothing is loaded, nothing is called.
-    predict(replace(pairs, load=None), [named("ours", raising)], path, io.StringIO())
+    predict(replace(pairs, load=None), [named("ours", raising)], path)
 
 
 def test_predictions_survive_the_file_to_the_last_bit(tmp_path):
@@ -202,7 +201,7 @@ def test_scores_need_every_prediction():
 
 def test_scores_csv_has_units_in_its_headers(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(1)
-    predict(pairs, [named("ours", two_staged)], path, io.StringIO())
+    predict(pairs, [named("ours", two_staged)], path)
     write_scores(score(pairs, ["ours"], read_predictions(path)), tmp_path / "scores.csv")
     with (tmp_path / "scores.csv").open() as file:
         record, _ = csv.DictReader(file)
@@ -215,7 +214,7 @@ def test_scores_csv_has_units_in_its_headers(tmp_path):
 
 def test_other_settings_do_not_reuse_answers(tmp_path):
     path = tmp_path / "predictions.jsonl"
-    predict(make_pairs(1), [named("ours", two_staged)], path, io.StringIO())
+    predict(make_pairs(1), [named("ours", two_staged)], path)
     changed = NamedMethod("ours", "OURS", two_staged, settings_hash="another")
     with pytest.raises(ValueError, match="output_dir"):
         check_same_settings(path, [changed])
@@ -293,7 +292,7 @@ def test_a_method_that_dies_fails_its_pair_and_the_next_still_runs(tmp_path):
         named("mortal", isolated(make_dying)),
         named("icp", isolated(partial(make_slow, 0.0))),
     ]
-    predict(pairs, entrants, path, io.StringIO())
+    predict(pairs, entrants, path)
     mortal, icp = read_predictions(path)[2:]
     assert "died (exit code -9)" in mortal.error
     assert icp.error is None
@@ -331,7 +330,7 @@ def test_correspondences_are_kept_beside_the_predictions_and_scored(tmp_path):
         matches = task.source_m[:4], task.source_m[:4] + TRUTH[:3, 3] + offsets_m
         return Estimate(shifted(0.0), {"fine": 0.1}, correspondences=matches)
 
-    predict(pairs, [named("matching", matching)], path, io.StringIO())
+    predict(pairs, [named("matching", matching)], path)
     for distance_m, ratio in ((0.1, 0.75), (0.01, 0.5)):
         scorer = Scorer(ProtocolKind.own, tmp_path, distance_m)
         (row,) = score_predictions(pairs, ["matching"], read_predictions(path), scorer)
@@ -357,7 +356,7 @@ def test_the_best_method_of_a_group_is_chosen_set_by_set(tmp_path):
         named("large", right_if(lambda task: task.source_m.mean() >= 0.5)),
     ]
     pairs = PairSet(("p0", "p1"), load)
-    predict(pairs, entrants, path, io.StringIO())
+    predict(pairs, entrants, path)
     rows = score(pairs, ["small", "large"], read_predictions(path))
     chosen = choose_best(rows, {"small": "best", "large": "best"})
     assert chosen == {("best", "set-0"): "small", ("best", "set-1"): "large"}
@@ -370,7 +369,7 @@ def test_the_best_method_of_a_group_is_chosen_set_by_set(tmp_path):
 
 def test_a_protocol_that_fits_no_pair_is_refused(tmp_path):
     path, pairs = tmp_path / "predictions.jsonl", make_pairs(1)
-    predict(pairs, [named("icp", local)], path, io.StringIO())
+    predict(pairs, [named("icp", local)], path)
     scorer = Scorer(ProtocolKind.rmse_20cm, tmp_path)
     with pytest.raises(ValueError, match="protocol=deg15_30cm"):
         score_predictions(pairs, ["icp"], read_predictions(path), scorer)

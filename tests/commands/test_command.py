@@ -215,5 +215,5 @@ def test_help_is_what_hydra_itself_answers(name, capsys):
     code = command.run(name, schema, task, arguments=arguments)
     ours = capsys.readouterr().out
     with pytest.raises(SystemExit):
-        command._run_hydra(name, schema, task, CONFIGS, lambda result: 0, arguments)
+        command._run_hydra(name, schema, task, CONFIGS, lambda result: 0, arguments, None)
     assert code == 0 and "seed: 5" in ours and ours == capsys.readouterr().out

@@ -75,7 +75,8 @@ def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):
     run = register_py(tmp_path, "scans=[a.ply,b.ply,c.ply]", "output_dir=out")
     assert (run.returncode, run.stderr) == (0, "")
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {".skipnet", "poses.json", "merged.ply", "scans.png", "report.html", "pairs"}
+    kept = {".skipnet", "pairs", "scans", "voxel_size.json"}
+    assert written == kept | {"poses.json", "merged.ply", "scans.png", "report.html"}
 
     poses = json.loads((tmp_path / "out" / "poses.json").read_text())
     assert [scan["path"] for scan in poses["scans"]] == ["a.ply", "b.ply", "c.ply"]

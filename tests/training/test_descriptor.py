@@ -245,7 +245,7 @@ def test_files(tmp_path: Path, patches: FloatArray) -> None:
         assert (again.digest, again.card) == (ours.digest, ours.card)
     wrong = {**ours.weights, "extra_weight": np.zeros(1)}
     save_network(wrong, ours.card, tmp_path / "wrong.npz")
-    with pytest.raises(ValueError, match="wrong.npz: weights .*extra_weight"):
+    with pytest.raises(ValueError, match="wrong.npz: .*weights .*extra_weight"):
         load_network(tmp_path / "wrong.npz")
     save_network(ours.weights, {**ours.card, "architecture": "wide"}, path)
     with pytest.raises(ValueError, match="architecture is wide, not small"):
