@@ -12,6 +12,7 @@ from skipnet.projects import witness
 from skipnet.projects.arbiter import Arbiter
 from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts
+from skipnet.projects.exchanges import exchanged
 from skipnet.projects.groups import Group, Joiner, Proposals
 from skipnet.projects.motions import rival_split
 from skipnet.projects.ways import Standards, rivals
@@ -116,6 +117,36 @@ def test_scans_that_see_the_same_where_much_looks_alike_are_in_doubt_and_where_t
     assert found.reliability < 0.9
     assert [group.scans for group in found.groups] == [[1, 2, 3, 4, 5, 6], [0], [7]]
     assert found.places[0] and found.places[7]
+
+
+class Doors(Plan):
+    """Rooms seen through their doors look alike, but not from within: no two fit in one place."""
+
+    def pair(self, target, source, T):
+        found = super().pair(target, source, T)
+        found[:, np.linalg.norm(T[:, :3, 3], axis=1) < 0.1] = [[0.1], [0.05]]
+        return found
+
+
+@pytest.mark.parametrize("rooms", [(0, 8), (0, 4, 8)])
+def test_scans_that_fit_in_each_others_places_are_exchanged(rooms):
+    ring = [(rooms[k], rooms[k - 1]) for k in range(len(rooms))]
+    plan = Doors(9, alike=ring)
+    group = Group({scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(9)})
+    proposals = plan.proposals(near(9))
+    assert exchanged(group, Joiner(proposals, plan), STRICT) == set()
+    for scan, place in ring:
+        beside = (
+            place + 1 if place < 8 else place - 1
+        )  # proposes the scan for its neighbour's place
+        T = plan.true(beside, place)
+        key, T = ((beside, scan), T) if beside < scan else ((scan, beside), invert(T))
+        before = proposals[key].T_target_source if key in proposals else np.zeros((0, 4, 4))
+        proposals[key] = plan.proposal(key, [*before, T])
+    assert exchanged(group, Joiner(proposals, plan), STRICT) == set(rooms)
+    open_ring = {key: said for key, said in proposals.items() if rooms[0] not in key}
+    open_ring |= plan.proposals([(0, 1), (0, 2)])
+    assert exchanged(group, Joiner(open_ring, plan), STRICT) == set()
 
 
 def test_rivals_are_those_that_agree_as_much_and_contradict_as_little():
