@@ -118,6 +118,7 @@ BLOCKS = (
         "pairs=1 negatives=2",
     ),
     Block("accuracy", "study accuracy pairs=12", ("Error of the source",), "pairs=1"),
+    Block("projects", "study projects floors=1 seed=1", ("Scans placed",), resumes=False),
     Block(
         "inliers",
         "study inliers data=FOLDER",
