@@ -41,10 +41,9 @@ def register(
     """Find the rigid motion that brings the source scan into the target's frame, without a guess.
 
     Args:
-        source: (N, 3) points in the source's own frame, metres; a Cloud, or the path of a file; of
-            a scan too large to hold, the voxels that ``skipnet.skipmap.streaming.thin_chunks``
-            reads it into.
-        target: (M, 3) points in the target's own frame, metres, or one of these.
+        source: (N, 3) points in the source's own frame, metres; a Cloud, the path of a file, or, of
+            a scan too large to hold, what ``skipnet.skipmap.streaming.thin_chunks`` makes of it.
+        target: likewise (M, 3), in the target's own frame.
         source_viewpoint: sensor position in the source's frame: (3,), None when unknown, "auto" to
             take the file's, if it has one, and else to find out.
         target_viewpoint: likewise for the target.
@@ -52,30 +51,28 @@ def register(
         seed: of every random choice: the same input and seed give the same result.
         config: everything else; None takes the defaults.
         prior: a pose that somebody believes in, (4, 4) or a ``Prior`` that says how far it may be
-            off. It is judged like any other hypothesis and has no say in the verdict.
+            off; judged like any other hypothesis, without a say in the verdict.
 
     Returns:
-        The pose before and after fine alignment, the verdict and the time of each stage. Not to
-        find a pose is a result ("failed"), not an error.
+        The pose before and after fine alignment, the verdict, the time of each stage. To find no
+        pose is a result ("failed").
 
     Raises:
-        ValueError: the input is not two clouds of finite points that span a surface, or an option
-            is out of its range.
+        ValueError: not two clouds of finite points that span a surface, or a bad option.
     """
-    config, prior = config or RegistrationConfig(), as_prior(prior)
-    clock = Stopwatch()
+    config, prior, clock = config or RegistrationConfig(), as_prior(prior), Stopwatch()
     with clock("validate"):
         source, target = opened(source, "source"), opened(target, "target")
-        source_m, source_viewpoint = taken(source, source_viewpoint, "source", "source_viewpoint")
-        target_m, target_viewpoint = taken(target, target_viewpoint, "target", "target_viewpoint")
+        source_m, source_at = taken(source, source_viewpoint, "source", "source_viewpoint")
+        target_m, target_at = taken(target, target_viewpoint, "target", "target_viewpoint")
         if voxel_size_m is not None:
             check_voxel_size(voxel_size_m)
     with clock("denoise"):
         source_m, target_m = clean(source_m, config), clean(target_m, config)
     with clock("skip-map"):
-        viewpoints = source_viewpoint, target_viewpoint
         network = find_network(config.network, config.device)
-        scans = describe((source_m, target_m), viewpoints, voxel_size_m, seed, network)
+        both_m, both_at = (source_m, target_m), (source_at, target_at)
+        scans = describe(both_m, both_at, voxel_size_m, seed, network)
     result = register_scans(scans[0], scans[1], config, clock, prior)
     if result.status is not Status.REGISTERED:
         result = _naming_units(result, points_of(source_m), points_of(target_m), config, seed)

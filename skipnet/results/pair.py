@@ -80,32 +80,40 @@ def pair_page(
         html.status_banner(result.status, result.reason, result.confidence),
         html.section("What to try", html.bullets(tips)) if tips else "",
         html.section("In 3-D", view),
-        html.section(
-            "Residuals",
-            html.paragraph(_residuals(residuals_m, result.voxel_size_m, lengths)),
-            html.histogram(
-                lengths.in_small(1.0) * residuals_m,
-                lengths.in_small(result.voxel_size_m),
-                lengths.small_unit,
-            ),
-        ),
+        _residual_section(residuals_m, result.voxel_size_m, lengths),
         html.section(
             "From above and from the side",
             html.picture(png, f"Both scans in the target's frame. After: {words.note}"),
         ),
-        html.section(
-            words.heading,
-            html.paragraph("p_target = T_target_source p_source, in metres, after fine alignment:"),
-            html.matrix(result.T_target_source),
-            *_in_unit(result.T_target_source, lengths),
-            html.paragraph(_uncertainty(result, lengths)),
-            html.paragraph("Before fine alignment:"),
-            html.matrix(result.T_target_source_coarse),
-        ),
+        _pose_section(words.heading, result, lengths),
         html.section("Inputs", html.table(["", ""], list(inputs.items()))),
         html.section("Time", html.table(["stage", "seconds"], seconds)),
         html.section("Details", html.table(["", ""], details)) if details else "",
         footer(seed),
+    )
+
+
+def _residual_section(residuals_m: FloatArray, voxel_size_m: float, lengths: Lengths) -> str:
+    return html.section(
+        "Residuals",
+        html.paragraph(_residuals(residuals_m, voxel_size_m, lengths)),
+        html.histogram(
+            lengths.in_small(1.0) * residuals_m,
+            lengths.in_small(voxel_size_m),
+            lengths.small_unit,
+        ),
+    )
+
+
+def _pose_section(heading: str, result: Registration, lengths: Lengths) -> str:
+    return html.section(
+        heading,
+        html.paragraph("p_target = T_target_source p_source, in metres, after fine alignment:"),
+        html.matrix(result.T_target_source),
+        *_in_unit(result.T_target_source, lengths),
+        html.paragraph(_uncertainty(result, lengths)),
+        html.paragraph("Before fine alignment:"),
+        html.matrix(result.T_target_source_coarse),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -93,15 +94,7 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     find_device(config.device.value)
     write_config(config, folder / "config.yaml")
     start_s = time.perf_counter()
-    with factory(
-        config.data.workers,
-        numbers=DEEP_TRAINING,
-        per_scans=options.patches_per_scans,
-        window=options.window,
-        scans_per_step=options.scans_per_step,
-        uses=options.uses,
-        first=options.first,
-    ) as lessons:
+    with lessons_of(config) as lessons:
         outcome = fit(config, lessons)
     trained_s = time.perf_counter()
     path = folder / "descriptor.npz"
@@ -129,6 +122,20 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     with dashboard.open_dashboard(folder / "tensorboard") as writer:
         dashboard.log_hyperparameters(writer, {**vars(options), **chosen}, final)
     return summary
+
+
+def lessons_of(config: TrainConfig) -> AbstractContextManager[Factory]:
+    """The factory of training pairs, working while it is open."""
+    options = config.deep
+    return factory(
+        config.data.workers,
+        numbers=DEEP_TRAINING,
+        per_scans=options.patches_per_scans,
+        window=options.window,
+        scans_per_step=options.scans_per_step,
+        uses=options.uses,
+        first=options.first,
+    )
 
 
 def fit(config: TrainConfig, lessons: Factory) -> Trained:
