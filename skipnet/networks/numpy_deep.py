@@ -7,23 +7,19 @@ their names there; each is a product of all cells of some voxels with its weight
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from skipnet.features.grids import (
     CHANNELS,
-    GRID_SHAPE,
     HEIGHTS,
     RADII,
     SCALES,
     SECTORS,
-    cylinder_grids,
-    turned_over,
 )
-from skipnet.networks.model import digest_of
-from skipnet.skipmap.skipmap import SkipMap
-from skipnet.types import FloatArray, IntArray
+from skipnet.networks.on_grids import OnGrids, check_grids
+from skipnet.types import FloatArray
 
 _CHUNK = 32
 """Voxels that are read at a time: what is computed of them stays in the processor's cache."""
@@ -31,16 +27,9 @@ _TINY = 1e-5
 """Added to variances, as torch does."""
 _JOINED = (SCALES, HEIGHTS // 2, RADII // 2, SECTORS // 2)
 """Scales, heights, radii and sectors once 2 x 2 x 2 cells are joined."""
-MAX_KEYPOINTS = 1500
-CURVED_SHARE = 0.5
-"""Of the keypoints; with the others spread over the scan poses of low overlap are found oftener."""
-NO_CLASSES = (
-    "the deep network knows no classes: take network=shipped for the generators corners "
-    "and edges, and for a feature_weight other than 1"
-)
 
 
-class DeepNumpyNetwork:
+class DeepNumpyNetwork(OnGrids):
     """The deep network at work on the processor: a ``Model`` that describes and does not classify.
 
     Args:
@@ -51,10 +40,6 @@ class DeepNumpyNetwork:
         ValueError: weights of another network.
     """
 
-    architecture: ClassVar[str] = "deep"
-    max_keypoints: ClassVar[int] = MAX_KEYPOINTS
-    curved_share: ClassVar[float] = CURVED_SHARE
-
     def __init__(self, weights: dict[str, FloatArray], card: dict[str, Any]) -> None:
         self.weights, self.card = weights, card
         expected = shapes_of(**card["widths"])
@@ -62,23 +47,9 @@ class DeepNumpyNetwork:
         if found != expected:
             raise ValueError(f"weights {found}, expected {expected}")
 
-    @cached_property
-    def digest(self) -> str:
-        """See ``Model``."""
-        return digest_of(self.weights)
-
-    def cut(self, skipmap: SkipMap, rows: IntArray) -> FloatArray:
-        """(K, 2, 8, 6, 16, 7) grids around (K,) voxels."""
-        return cylinder_grids(skipmap, rows)
-
-    def turned_over(self, patches: FloatArray) -> FloatArray:
-        """The grids that the opposite normals would give."""
-        return turned_over(patches)
-
     def read(self, patches: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K, 48) descriptors and (K,) logits of grids; see ``Model``."""
-        if patches.shape[1:] != GRID_SHAPE:
-            raise ValueError(f"patches must be (K, {GRID_SHAPE}), got {patches.shape}")
+        check_grids(patches)
         hidden = np.empty((len(patches), self.card["widths"]["hidden"]), np.float32)
         for start in range(0, len(patches), _CHUNK):
             some = slice(start, start + _CHUNK)
@@ -86,14 +57,6 @@ class DeepNumpyNetwork:
         described = self._linear("output", hidden)
         described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
         return described, self._linear("matchable", hidden)[:, 0]
-
-    def classify(self, details: FloatArray, patches: FloatArray) -> FloatArray:
-        """Always refused: this network did not learn the classes.
-
-        Raises:
-            ValueError: always.
-        """
-        raise ValueError(NO_CLASSES)
 
     def _hidden(self, grids: FloatArray) -> FloatArray:
         """(N, hidden) units of (N, 2, 8, 6, 16, 7) grids."""

@@ -120,6 +120,7 @@ def _until_it_ends(
     ours, theirs = context.Pipe(duplex=False)
 
     def note(kind: str, told: str) -> None:
+        """Keep a finding about the file that was being read."""
         file = f"{job.extension[1:]}/{job.seed}/{number}"
         findings.append({"file": file, "kind": kind, "told": told[:200]})
 

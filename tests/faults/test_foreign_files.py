@@ -57,7 +57,7 @@ def entry(**changes):
 @pytest.mark.parametrize("content", GARBAGE)
 def test_a_list_of_pairs_that_is_none(tmp_path, content):
     (tmp_path / "pairs.json").write_bytes(content)
-    refused(lambda: list_pairs(tmp_path), tmp_path / "pairs.json")
+    assert refused(lambda: list_pairs(tmp_path), tmp_path / "pairs.json")
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_lines_that_are_no_predictions_or_outcomes(tmp_path, content):
     ):
         path = tmp_path / name
         path.write_bytes((content or b"7") + b"\n")
-        refused(lambda read=read, path=path: read(path), path)
+        assert refused(lambda read=read, path=path: read(path), path)
 
 
 def test_correspondences_of_another_shape(tmp_path):
@@ -183,7 +183,7 @@ def test_a_run_of_a_stranger_names_no_code(tmp_path):
     path = tmp_path / "config.yaml"
     for text in ("dataset: os.system", "a: !!python/object/apply:os.system [x]", "x: [", "7"):
         path.write_text(text)
-        refused(lambda: next(find_misses(tmp_path)), path)
+        assert refused(lambda: next(find_misses(tmp_path)), path)
 
 
 def test_names_are_escaped_in_markdown():

@@ -25,6 +25,7 @@ class _Records:
 
     @property
     def size(self) -> int:
+        """Bytes of one record."""
         return len(self.names) * np.dtype(self.kind).itemsize
 
     def read(self, body: bytes) -> np.ndarray:

@@ -1,0 +1,56 @@
+"""What the deep network is, whoever computes it: how it cuts a scan, and what it does not know."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, ClassVar
+
+from skipnet.features.grids import GRID_SHAPE, cylinder_grids, turned_over
+from skipnet.networks.model import digest_of
+from skipnet.skipmap.skipmap import SkipMap
+from skipnet.types import FloatArray, IntArray
+
+
+class OnGrids:
+    """The part of a ``Model`` that NumPy's and torch's network share; each has its ``read``."""
+
+    architecture: ClassVar[str] = "deep"
+    max_keypoints: ClassVar[int] = 1500
+    curved_share: ClassVar[float] = 0.5
+    """Of the keypoints; with the others spread over the scan poses of low overlap are found
+    oftener."""
+
+    weights: dict[str, FloatArray]
+    """Of ``DeepNetwork``, with the scaling of its inputs."""
+    card: dict[str, Any]
+    """With the network's "widths"."""
+
+    @cached_property
+    def digest(self) -> str:
+        """See ``Model``."""
+        return digest_of(self.weights)
+
+    def cut(self, skipmap: SkipMap, rows: IntArray) -> FloatArray:
+        """(K, 2, 8, 6, 16, 7) grids around (K,) voxels."""
+        return cylinder_grids(skipmap, rows)
+
+    def turned_over(self, patches: FloatArray) -> FloatArray:
+        """The grids that the opposite normals would give."""
+        return turned_over(patches)
+
+    def classify(self, details: FloatArray, patches: FloatArray) -> FloatArray:
+        """Always refused: this network did not learn the classes.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            "the deep network knows no classes: take network=shipped for the generators corners "
+            "and edges, and for a feature_weight other than 1"
+        )
+
+
+def check_grids(patches: FloatArray) -> None:
+    """Refuse what are no grids of ``OnGrids.cut``."""
+    if patches.shape[1:] != GRID_SHAPE:
+        raise ValueError(f"patches must be (K, {GRID_SHAPE}), got {patches.shape}")
