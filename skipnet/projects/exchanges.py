@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from skipnet.geometry import invert
 from skipnet.projects.groups import SAME_VOXELS, Group, Joiner
 from skipnet.projects.ways import Standards, Way
-from skipnet.projects.witness import STRAY_SHARE, leaders
+from skipnet.projects.witness import leaders
 from skipnet.types import FloatArray
 
 
@@ -74,7 +75,7 @@ def _places_taken(group: Group, scan: int, joiner: Joiner, standards: Standards)
 def _most_contradicting(rest: Group, scan: int, T: FloatArray, joiner: Joiner) -> int:
     """The scan of a group that contradicts most that another one stands at T."""
     excess = {
-        other: float(joiner.witness.pair(other, scan, (np.linalg.inv(pose) @ T)[None])[1, 0])
+        other: float(joiner.witness.pair(other, scan, (invert(pose) @ T)[None])[1, 0])
         for other, pose in rest.poses.items()
     }
-    return max(sorted(excess), key=lambda other: excess[other] - STRAY_SHARE)
+    return max(sorted(excess), key=excess.__getitem__)

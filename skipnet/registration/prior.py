@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skipnet.checks import require
-from skipnet.geometry import invert, make_transform
+from skipnet.geometry import make_transform, pose_error, rotation_from_vector
 from skipnet.types import FloatArray
 
 _DRAWS = 96
@@ -91,7 +91,7 @@ def poses_about(prior: Prior, centre_m: FloatArray, voxel_size_m: float) -> Floa
     middle_m = T[:3, :3] @ centre_m + T[:3, 3]
     moves = [
         make_transform(turn, middle_m - turn @ middle_m + shift_m)
-        for turn, shift_m in zip(_rotations(turns_rad), shifts_m, strict=True)
+        for turn, shift_m in zip(rotation_from_vector(turns_rad), shifts_m, strict=True)
     ]
     return np.array([move @ T for move in moves])
 
@@ -100,10 +100,9 @@ def compare(
     prior: Prior, T_target_source: FloatArray, centre_m: FloatArray, voxel_size_m: float
 ) -> PriorCheck:
     """How far a pose is from the prior."""
-    change = T_target_source @ invert(np.asarray(prior.T_target_source, np.float64))
-    before_m = np.asarray(prior.T_target_source, np.float64) @ np.append(centre_m, 1)
-    off_m = float(np.linalg.norm((T_target_source @ np.append(centre_m, 1) - before_m)[:3]))
-    off_rad = float(np.arccos(np.clip((np.trace(change[:3, :3]) - 1) / 2, -1, 1)))
+    T_prior = np.asarray(prior.T_target_source, np.float64)
+    off_m = float(np.linalg.norm((T_target_source - T_prior)[:3] @ np.append(centre_m, 1)))
+    off_rad = float(pose_error(T_target_source, T_prior)[0])
     position_m, rotation_rad = _deviations(prior, voxel_size_m)
     agrees = off_m <= _AGREES_STDS * math.sqrt(3) * position_m + voxel_size_m
     agrees &= off_rad <= _AGREES_STDS * math.sqrt(3) * rotation_rad + math.radians(1)
@@ -116,10 +115,3 @@ def _deviations(prior: Prior, voxel_size_m: float) -> tuple[float, float]:
         _OWN_STD_VOXELS * voxel_size_m if position_m is None else position_m,
         math.radians(_OWN_STD_DEG if rotation_deg is None else rotation_deg),
     )
-
-
-def _rotations(turns_rad: FloatArray) -> FloatArray:
-    """(C, 3, 3) of (C, 3) rotation vectors."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(turns_rad).as_matrix())
