@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.geometry import invert, make_transform, rotation_from_vector, transform_points
+from skipnet.projects.ways import PairKey
 from skipnet.types import FloatArray, IntArray
 
-PairKey = tuple[int, int]
-"""Numbers of (target, source)."""
 Poses = Mapping[int, FloatArray]
 """Per placed scan its (4, 4) pose in the frame of its group's first scan."""
 TYPICAL_SQUARE = 5.35

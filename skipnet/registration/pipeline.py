@@ -13,7 +13,7 @@ from skipnet.networks.catalog import find_network
 from skipnet.parallel.threads import one_blas_thread
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.prior import Prior, as_prior, compare, poses_about
-from skipnet.registration.result import Given, Registration, ScanFacts
+from skipnet.registration.result import Asked, Registration, ScanFacts
 from skipnet.registration.searching import LAST_RESORTS, search
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.units import likeliest_unit, reason_for, size_of
@@ -76,7 +76,7 @@ def register(
     result = register_scans(scans[0], scans[1], config, clock, prior)
     if result.status is not Status.REGISTERED:
         result = _naming_units(result, points_of(source_m), points_of(target_m), config, seed)
-    return replace(result, given=Given(source, target, seed, (scans[0], scans[1])))
+    return replace(result, given=Asked(source, target, seed, (scans[0], scans[1])))
 
 
 def register_scans(

@@ -35,7 +35,7 @@ class ScanFacts:
 
 
 @dataclass(frozen=True)
-class Given:
+class Asked:
     """What a registration was asked about."""
 
     source: Cloud | SkipTree
@@ -72,7 +72,7 @@ class Registration:
     timings_s: dict[str, float] = field(default_factory=dict)
     """Seconds per stage, in the order of the pipeline."""
 
-    given: Given | None = field(default=None, repr=False, compare=False)
+    given: Asked | None = field(default=None, repr=False, compare=False)
     """What it was found from; None of a pair among many scans."""
 
     def __str__(self) -> str:
