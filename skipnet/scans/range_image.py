@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from skipnet.compiled import compiled, inlined
 from skipnet.types import BoolArray, FloatArray
 
-_MIN_BINS, _MAX_BINS = 32, 256
+_MIN_BINS, _MAX_BINS = 32, 512
 _POINTS_PER_BIN = 4
+_LOOK_BINS, _LOOK_POINTS = 32, 20_000
+"""So rough a map of so many points tells which part of all directions was seen."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,10 @@ def build_range_image(
         T_own_points: (4, 4) from the frame of the points to that of the image; None where these
             are one.
     """
-    bins = int(np.clip(np.sqrt(len(points_m) / _POINTS_PER_BIN), _MIN_BINS, _MAX_BINS))
     T_image_points = np.eye(4) if T_own_points is None else T_own_points.copy()
     T_image_points[:3, 3] -= viewpoint_m
+    per_bin = _POINTS_PER_BIN * _seen_share(points_m, T_image_points)
+    bins = int(np.clip(np.sqrt(len(points_m) / per_bin), _MIN_BINS, _MAX_BINS))
     nearest_m = np.full((bins, bins), np.inf, dtype=np.float32)
     _take_nearest(points_m, T_image_points, nearest_m)
     nearest_m = _least_of_neighbours(nearest_m)
@@ -82,6 +85,13 @@ def build_range_image(
     inner = _least_of_neighbours(_least_of_neighbours(np.isfinite(nearest_m)))
     nearest_m[~inner] = 0.0
     return RangeImage(np.asarray(viewpoint_m, dtype=np.float64), nearest_m)
+
+
+def _seen_share(points_m: FloatArray, T_image_points: FloatArray) -> float:
+    """Part of all directions in which (N, 3) points lie: a camera sees little of the sphere."""
+    rough = np.full((_LOOK_BINS, _LOOK_BINS), np.inf, dtype=np.float32)
+    _take_nearest(points_m[:: len(points_m) // _LOOK_POINTS + 1], T_image_points, rough)
+    return max(float(np.isfinite(rough).mean()), 1 / rough.size)
 
 
 def _least_of_neighbours(values: NDArray) -> NDArray:
