@@ -18,6 +18,10 @@ TARGET_VOXELS = 10_000
 """Occupied voxels that describe one scan well: 0.15 m voxels in a furnished 10 m room."""
 MIN_POINTS_PER_VOXEL = 5
 """Mean points per voxel below which curvature and normals are guesses."""
+MAX_VOXELS = 40_000
+"""What a scan may be divided into for the sake of another that shows less of the same scene."""
+MAX_ROUGHER = 2.0
+"""A scan may ask for voxels so many times as large as the next one's wish."""
 
 _SAMPLE = 1 << 15
 """Points that tell how far a larger scan spreads."""
@@ -29,8 +33,10 @@ def choose_voxel_size(
     """The voxel size for scans of one scene, from their own extent and density.
 
     Each scan asks for the size at which it occupies ``TARGET_VOXELS`` voxels, or fewer where it is
-    too sparse for that; the largest of these sizes serves all. Moving a scan rigidly does
-    not matter.
+    too sparse for that; the largest of these sizes serves all. A scan of a room against the map of
+    the building would be too rough that way: the largest size is at most ``MAX_ROUGHER`` times the
+    next one, as far as the larger scan's points and ``MAX_VOXELS`` allow. Moving a scan rigidly
+    does not matter.
 
     Args:
         clouds_m: (N, 3) points of each scan.
@@ -40,13 +46,18 @@ def choose_voxel_size(
         Voxel size in the points' unit, to two digits: small changes of the input leave it alone.
     """
     frames = T_given_own or [principal_frame(points_m) for points_m in clouds_m]
-    sizes_m = side_by_side(_size_for_one, clouds_m, [invert(frame) for frame in frames])
-    return float(f"{max(sizes_m):.2g}")
+    sizes_m = side_by_side(_sizes_for_one, clouds_m, [invert(frame) for frame in frames])
+    wishes_m = sorted((wish_m for wish_m, _ in sizes_m), reverse=True)
+    finest_m = max(finest_m for _, finest_m in sizes_m)
+    size_m = min(wishes_m[0], MAX_ROUGHER * wishes_m[min(1, len(wishes_m) - 1)])
+    return float(f"{max(size_m, finest_m):.2g}")
 
 
-def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
-    """Count occupied voxels over doubling sizes and interpolate to the goal, both logarithmic."""
-    goal = min(TARGET_VOXELS, len(points_m) / MIN_POINTS_PER_VOXEL)
+def _sizes_for_one(points_m: FloatArray, T_own_points: FloatArray) -> tuple[float, float]:
+    """The size that a scan asks for and the finest that serves: occupied voxels are counted over
+    doubling sizes and interpolated to both goals, logarithmically."""
+    most = len(points_m) / MIN_POINTS_PER_VOXEL
+    goals = min(TARGET_VOXELS, most), min(MAX_VOXELS, most)
     T_middle_points, spread_m = _middle_and_spread(points_m, T_own_points)
     reach_m = _reach_m(points_m, T_middle_points)
     spread_m = spread_m or reach_m
@@ -54,14 +65,19 @@ def _size_for_one(points_m: FloatArray, T_own_points: FloatArray) -> float:
     keys = occupied_cells(points_m, finest_m, T_middle_points)
     steps: IntArray = keys - pack(unpack(keys).min(axis=0))
     counts = [len(steps)]
-    while counts[-1] > max(goal, 1):
+    while counts[-1] > max(goals[0], 1):
         steps = distinct_keys(halve_steps(steps), NO_ROWS)
         counts.append(len(steps))
-    if len(counts) == 1:
+    wish_m, least_m = (finest_m * _rougher(counts, goal) for goal in goals)
+    return wish_m, least_m
+
+
+def _rougher(counts: Sequence[int], goal: float) -> float:
+    """How many times the finest size has a goal of voxels, by the counts at its doublings."""
+    if counts[0] <= goal:
         # A finer size serves: the number of voxels on surfaces grows with 1 / size^2.
-        return finest_m * float(np.sqrt(counts[0] / goal))
-    doublings = np.interp(-np.log(goal), -np.log(counts), np.arange(len(counts)))
-    return finest_m * float(2**doublings)
+        return float(np.sqrt(counts[0] / goal))
+    return float(2 ** np.interp(-np.log(goal), -np.log(counts), np.arange(len(counts))))
 
 
 def _middle_and_spread(points_m: FloatArray, T_own_points: FloatArray) -> tuple[FloatArray, float]:
