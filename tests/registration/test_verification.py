@@ -111,6 +111,26 @@ def test_the_range_image_gives_the_nearest_range_seen_and_0_where_nothing_was():
         )
 
 
+@pytest.mark.parametrize("opening_rad", [0.25, 0.5])
+def test_a_camera_with_as_many_points_in_a_narrow_view_sees_past_smaller_things(opening_rad):
+    # A wall 4 m away, but for a square of 2 degrees through which the camera saw far.
+    rng = np.random.default_rng(0)
+    across = np.tan(rng.uniform(-opening_rad, opening_rad, size=(40_000, 2)))
+    hole = (np.abs(across) < np.tan(np.deg2rad(1.0))).all(axis=1)
+    depth_m = np.where(hole, 9.0, 4.0)
+    points_m = np.column_stack([across, np.ones(len(across))]) * depth_m[:, None]
+    image = build_range_image(points_m, np.zeros(3))
+    ahead_m = np.array([[0.0, 0.0, 6.0], [0.5 * np.tan(opening_rad) * 3.0, 0.0, 3.0]])
+    front = image.in_front(EYE, ahead_m, np.ones((1, 2), dtype=bool), 0.02, 0.1)[0]
+    # Through the hole something nearer than 9 m would be in free space, if the bins are fine.
+    assert front.tolist() == [True, True]
+    every_way = rng.normal(size=(400_000, 3))
+    every_way *= 9.0 / np.linalg.norm(every_way, axis=1, keepdims=True)
+    apart = every_way[(every_way[:, 2] < 7.0)][:20_000]
+    rough = build_range_image(np.concatenate([points_m[::2], apart]), np.zeros(3))
+    assert len(rough.nearest_m) < len(image.nearest_m)
+
+
 def test_a_scan_agrees_with_itself_entirely():
     room = evidence_of(box_room())
     score = Judge(room, room, 4000, 12.0).score(EYE, ROUGH)

@@ -7,7 +7,13 @@ import pytest
 
 from skipnet.clouds.statistics import principal_frame
 from skipnet.geometry import make_transform, random_rotation, transform_points
-from skipnet.skipmap.resolution import MIN_POINTS_PER_VOXEL, TARGET_VOXELS, choose_voxel_size
+from skipnet.skipmap.resolution import (
+    MAX_ROUGHER,
+    MAX_VOXELS,
+    MIN_POINTS_PER_VOXEL,
+    TARGET_VOXELS,
+    choose_voxel_size,
+)
 from skipnet.skipmap.tree import build_tree
 
 
@@ -42,6 +48,26 @@ def test_the_sparser_scan_decides_for_all():
     assert own > choose_voxel_size(dense_m)
     for clouds_m in ((dense_m, sparse_m), (sparse_m, dense_m), (dense_m, sparse_m, dense_m)):
         assert choose_voxel_size(*clouds_m) == own
+
+
+def test_a_map_leaves_a_scan_of_a_part_of_it_its_own_resolution_as_far_as_it_can():
+    rng = np.random.default_rng(6)
+    points_m = rng.uniform(size=(2_000_000, 3)) * [100.0, 100.0, 0.0]
+    part_m = points_m[(np.abs(points_m[:, :2] - 50) < 20).all(axis=1)]
+    wish_m, of_part_m = choose_voxel_size(points_m), choose_voxel_size(part_m)
+    assert wish_m > MAX_ROUGHER * of_part_m
+    size_m = choose_voxel_size(points_m, part_m)
+    assert choose_voxel_size(part_m, points_m) == size_m
+    assert size_m == pytest.approx(max(MAX_ROUGHER * of_part_m, wish_m / 2), rel=0.06)
+    # A smaller part yet would need more voxels of the map than there may be.
+    corner_m = points_m[(points_m[:, :2] < 5).all(axis=1)]
+    size_m = choose_voxel_size(points_m, corner_m)
+    assert len(build_tree(points_m, size_m)) == pytest.approx(MAX_VOXELS, rel=0.2)
+    # A sparse map stays as rough as its points are apart.
+    sparse_m = points_m[:20_000]
+    assert choose_voxel_size(sparse_m, part_m) == choose_voxel_size(sparse_m)
+    # One map among many scans: the scans decide.
+    assert choose_voxel_size(points_m, part_m, part_m) == choose_voxel_size(points_m, part_m)
 
 
 def test_motion_and_order_do_not_matter_and_the_unit_scales_along():
