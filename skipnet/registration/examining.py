@@ -35,9 +35,10 @@ HARMFUL_VIOLATION = 0.003
 REPEATED_SCORE = 0.25
 """A rival that contradicts no more than the best pose may be a repeat of it, moved on or turned,
 if it has this share of its score. In simulated rows, racks and pedestals the true pose has 0.3 to
-0.8 of a false one's; right poses of rooms and facades have no such rival above 0.2. Where little is
-shared right poses often do, and are called ambiguous: 0.45 would spare a third of these and accept
-3 instead of 1 of 44 false poses in what repeats."""
+0.8 of a false one's; right poses of rooms and facades have no such rival above 0.2 ..."""
+REPEATED_TOTAL = 0.12
+"""... and scores so much by itself: where two simulated scans share little, chance alone makes
+rivals that score 0.05 to 0.1, nine of ten below this; in what repeats they score 0.14 to 0.7."""
 REPEATED_SUPPORT = 0.5
 """Scans that are blind contradict nothing: there it must be the best pose moved on, with this share
 of its support ..."""
@@ -85,7 +86,7 @@ def find_out(
         overlap=float(score.overlap[first]),
         violation=float(score.violation[first]),
         margin=rivals.margin,
-        support=float(score.support[first]),
+        support=float(score.of_smaller[first]),
         decisiveness=rivals.decisiveness,
         mismatch=float(score.mismatch_rate[first]),
         seen_again=seen_again(judge, T_best),
@@ -160,7 +161,8 @@ def _repeats(
     one that brings both sensors to the same place of the pattern, not the right one.
     """
     clean = score.contradiction[rivals] <= score.contradiction[first] + STRAY_SHARE
-    repeated: BoolArray = clean & (score.total[rivals] >= REPEATED_SCORE * score.total[first])
+    least = max(REPEATED_SCORE * score.total[first], REPEATED_TOTAL)
+    repeated: BoolArray = clean & (score.total[rivals] >= least)
     for row in np.flatnonzero(repeated):
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])
     return repeated

@@ -8,6 +8,7 @@ import numpy as np
 
 from skipnet.geometry import transform_points
 from skipnet.simulation.situations.making import Situation
+from skipnet.simulation.situations.mapped import mapped
 from skipnet.simulation.situations.moving import hall, riding
 from skipnet.simulation.situations.objects import arch, part, table
 from skipnet.simulation.situations.repeating import pedestal, row
@@ -21,6 +22,7 @@ SITUATIONS: dict[str, Callable[[int], Situation]] = {
     "table": table,
     "hall": hall,
     "model": model,
+    "map": mapped,
     "ground": ground,
     "tank": tank,
     "row": row,
