@@ -86,7 +86,7 @@ def find_out(
         overlap=float(score.overlap[first]),
         violation=float(score.violation[first]),
         margin=rivals.margin,
-        support=float(score.of_smaller[first]),
+        support=float(score.support[first]),
         decisiveness=rivals.decisiveness,
         mismatch=float(score.mismatch_rate[first]),
         seen_again=seen_again(judge, T_best),

@@ -56,8 +56,7 @@ class Findings:
     margin: float
     """Lead over the best distinct alternative's score, as a share of the own; 1 without a rival."""
     support: float
-    """What agrees, voxels counted by what they are worth as evidence, as a share of the scan that
-    has less of it: 1 for a part in its whole."""
+    """As ``overlap``, voxels counted by what they are worth as evidence."""
     decisiveness: float
     """How clearly the voxels on which the best pose and its nearest rival differ speak for it, -1
     to 1; 1 without a rival."""

@@ -41,7 +41,7 @@ def test_of_equally_good_poses_the_firmest_held_one_comes_first(total, first):
     total = np.array(total)
     kept = np.argsort(-total)
     order = firmest_first(
-        kept, Score(total, *[total, 0 * total] * 2, 0 * total, total), alignment_of([1e-4, 0.3, 0.5])
+        kept, Score(total, *[total, 0 * total] * 2, 0 * total), alignment_of([1e-4, 0.3, 0.5])
     )
     assert order[0] == first
     assert sorted(order) == sorted(kept)

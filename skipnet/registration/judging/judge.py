@@ -49,10 +49,6 @@ LAST_ROUND = (400, 20)
 """... and of the last, among distinct candidates."""
 
 
-_SUPPORT = 2
-"""Row of the support in what ``_one_way`` says."""
-
-
 @dataclass(frozen=True)
 class Judge:
     """Two scans, and how they are asked about poses of the source in the target's frame."""
@@ -95,10 +91,7 @@ class Judge:
         overlap, violation, support, contradiction, mismatch = 0.5 * (there + back)
         total = support * np.exp(-self.violation_weight * violation_cost(contradiction))
         total *= np.exp(-MISMATCH_WEIGHT * mismatch / np.maximum(support, 1e-3))
-        worth = self.source.weights.sum(), self.target.weights.sum()
-        shared = 0.5 * (there[_SUPPORT] * worth[0] + back[_SUPPORT] * worth[1])
-        of_smaller = np.minimum(shared / max(min(worth), 1e-9), 1.0)
-        return Score(total, overlap, violation, support, contradiction, mismatch, of_smaller)
+        return Score(total, overlap, violation, support, contradiction, mismatch)
 
     def decisiveness(
         self, T_best: FloatArray, T_rivals: FloatArray, is_motion: bool = False

@@ -56,9 +56,6 @@ class Score:
     """As ``violation``, likewise."""
     mismatch: FloatArray
     """Mean of both ways' shares of the worth that lies beside the other scan's surface."""
-    of_smaller: FloatArray
-    """What agrees as a share of the worth of the scan that has less of it: 1 for a part in its
-    whole, of which ``support`` says hardly more than a half."""
 
     @property
     def mismatch_rate(self) -> FloatArray:
