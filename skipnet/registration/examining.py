@@ -8,7 +8,7 @@ import numpy as np
 
 from skipnet.registration.aligners import Aligner
 from skipnet.registration.alignment.refinement import Refinement
-from skipnet.registration.findings import MAX_BLIND, Findings
+from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import seen_again
 from skipnet.registration.judging.score import STRAY_SHARE, Score
@@ -40,7 +40,8 @@ REPEATED_TOTAL = 0.12
 """... and scores so much by itself: where two simulated scans share little, chance alone makes
 rivals that score 0.05 to 0.1, nine of ten below this; in what repeats they score 0.14 to 0.7."""
 REPEATED_SUPPORT = 0.5
-"""Scans that are blind contradict nothing: there it must be the best pose moved on, with this share
+"""Where one scan is blind it must have this share: it alone contradicts, and maps have many clean
+places. Where both are nothing contradicts: there it must be the best pose moved on, with this share
 of its support ..."""
 MORE_MISMATCH = 0.03
 """... and hardly more beside the other scan's surfaces. Of real pairs, simulated ones and the
@@ -136,7 +137,7 @@ def _rivals(
     contradicts_less = score.violation[near] + STRAY_SHARE < score.violation[first]
     equal = score.total[rivals] > (1 - AMBIGUOUS_MARGIN) * top
     equal[:MOST_RIVALS] &= (decisive < MIN_DECISIVE) | contradicts_less
-    if judge.blind > MAX_BLIND:
+    if judge.blind > BLIND_BOTH:
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:
         repeated = _repeats(judge, fine, T_target_source, score, first, rivals)
@@ -161,7 +162,8 @@ def _repeats(
     one that brings both sensors to the same place of the pattern, not the right one.
     """
     clean = score.contradiction[rivals] <= score.contradiction[first] + STRAY_SHARE
-    least = max(REPEATED_SCORE * score.total[first], REPEATED_TOTAL)
+    share = REPEATED_SCORE if judge.blind <= MAX_BLIND else REPEATED_SUPPORT
+    least = max(share * score.total[first], REPEATED_TOTAL)
     repeated: BoolArray = clean & (score.total[rivals] >= least)
     for row in np.flatnonzero(repeated):
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])

@@ -14,6 +14,8 @@ SAFE_MARGIN = 0.3
 """With less, a pose that leaves the sensors together may owe its lead to what looks alike there."""
 MAX_BLIND = 0.25
 """Scans are blind when one of them is more than half so."""
+BLIND_BOTH = 0.6
+"""... and with more than this, neither of them sees what would contradict a pose."""
 
 _SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))

@@ -6,6 +6,7 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.registration.answer import Answer
+from skipnet.registration.findings import BLIND_BOTH
 from skipnet.registration.generators import propose
 from skipnet.registration.hypotheses.repeats import from_repeats
 from skipnet.registration.judging.judge import Judge
@@ -18,6 +19,7 @@ from skipnet.types import FloatArray, Status
 
 CLEAR_CONFIDENCE = 0.95
 """With this much confidence in a registered pose no further generator is asked."""
+
 
 LAST_RESORTS = (Generator.deep, Generator.fpfh)
 """Asked only while nothing is registered."""
@@ -67,10 +69,11 @@ def _with_repeats(
     """The answer after a look at what repeats: generators propose what agrees most, and where a
     pattern brings both sensors to the same place of it, the true pose may not be among that.
 
-    Blind scans are not asked: nothing would contradict such rivals, and smooth shapes have many.
+    Scans that are both blind are not asked: nothing would contradict such rivals, and smooth shapes
+    have many.
     """
     found, registered = answer.findings, answer.verdict.status is Status.REGISTERED
-    if not registered or found is None or found.is_blind:
+    if not registered or found is None or found.blind > BLIND_BOTH:
         return answer
     best = answer.T_target_source
     with clock("hypotheses"):
