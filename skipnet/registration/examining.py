@@ -39,10 +39,11 @@ if it has this share of its score. In simulated rows, racks and pedestals the tr
 REPEATED_TOTAL = 0.12
 """... and scores so much by itself: where two simulated scans share little, chance alone makes
 rivals that score 0.05 to 0.1, nine of ten below this; in what repeats they score 0.14 to 0.7."""
+REPEATED_ON_MAP = 0.75
+"""Where one scan is blind it must have this share: maps have many clean places."""
 REPEATED_SUPPORT = 0.5
-"""Where one scan is blind it must have this share: it alone contradicts, and maps have many clean
-places. Where both are nothing contradicts: there it must be the best pose moved on, with this share
-of its support ..."""
+"""Where both are nothing contradicts: there it must be the best pose moved on, with this share of
+its support ..."""
 MORE_MISMATCH = 0.03
 """... and hardly more beside the other scan's surfaces. Of real pairs, simulated ones and the
 situations in development no registered right pose has such a rival with more than a quarter of its
@@ -162,7 +163,7 @@ def _repeats(
     one that brings both sensors to the same place of the pattern, not the right one.
     """
     clean = score.contradiction[rivals] <= score.contradiction[first] + STRAY_SHARE
-    share = REPEATED_SCORE if judge.blind <= MAX_BLIND else REPEATED_SUPPORT
+    share = REPEATED_ON_MAP if judge.blind > MAX_BLIND else REPEATED_SCORE
     least = max(share * score.total[first], REPEATED_TOTAL)
     repeated: BoolArray = clean & (score.total[rivals] >= least)
     for row in np.flatnonzero(repeated):
