@@ -210,6 +210,7 @@ def test_numpy_files_of_false_sizes_and_other_contents(refused):
     assert "truncated" in refused("a.npz", archive("points.npy", npy((10**9, 3))))
     assert "takes no room" in refused("f.npy", npy((2, 3), kind="<U0"))
     assert "no points" in refused("g.npy", npy((0, 10**14)))
+    assert "columns" in refused("i.npy", npy((1, 10**5), bytes(8 * 10**5)))
     assert "no points" in refused("h.npz", archive("points.npy", npy((0, 10**14))))
     assert "(none)" in refused("b.npz", archive("points.txt", b"1 2 3"))
     assert "not a NumPy file" in refused("c.npz", archive("points.npy", b"no array"))
