@@ -10,7 +10,7 @@ import pytest
 from skipnet.commands.main import main
 
 INTERRUPTED = """
-import os, signal, sys
+import os, signal, sys, time
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -44,7 +44,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(
     "how",
     [
-        "os.kill(os.getpid(), signal.SIGINT)",
+        "os.kill(os.getpid(), signal.SIGINT); time.sleep(50)",  # another thread may take it first
         "exec('try: raise KeyboardInterrupt\\nexcept BaseException: raise ImportError(\"half\")')",
     ],
 )
