@@ -84,9 +84,13 @@ def _forgive(kept: Any) -> None:
     kept.load_overload, kept.save_overload = load_or_compile, save_if_possible
 
 
-@cache
+_told: set[str] = set()
+"""Why something was not kept, as far as it has been said; folders there are many."""
+
+
 def _say_not_kept(folder: str, reason: str) -> None:
-    if parent_process() is None:
+    if parent_process() is None and reason not in _told:
+        _told.add(reason)
         print(
             f"skipnet: compiled code is not kept in {folder}: {reason} "
             "(NUMBA_CACHE_DIR names another folder)",
