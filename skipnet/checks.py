@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import sys
 from difflib import get_close_matches
+from numbers import Integral
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -27,6 +28,12 @@ def require(condition: bool, option: str, value: object, expected: str) -> None:
     """
     if not condition:
         raise ValueError(f"{option}={value}: expected {expected}")
+
+
+def check_seed(seed: object) -> None:
+    """Refuse what names no one sequence of random numbers, as None would."""
+    is_whole = isinstance(seed, Integral) and not isinstance(seed, bool)
+    require(is_whole and seed >= 0, "seed", seed, "a whole number of at least 0")  # type: ignore[operator]
 
 
 def find_object(option: str, path: str) -> Any:

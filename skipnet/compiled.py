@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import cache
 from multiprocessing import parent_process
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from numba import config, njit
 
@@ -24,7 +24,7 @@ def compiled(function: _Function) -> _Function:
     Arguments are arrays and numbers; each combination of their types is compiled apart. The machine
     code is kept beside the source, or in the user's cache where that folder cannot be written, or
     where neither can in a folder for temporary files, which is said; ``NUMBA_CACHE_DIR`` names
-    another.
+    another. Where the disk is full it is not kept, which is said; what is damaged is made anew.
 
     What is kept is known to be stale when the function's own file has changed, not when another
     has: a compiled function uses nothing that its module imports from skipnet, which
@@ -44,7 +44,10 @@ def _compile(function: _Function, forceinline: bool = False) -> _Function:
     def compile_(kept: bool) -> _Function:
         """With a cache or without."""
         options = {"forceinline": forceinline, "nogil": True, "error_model": "numpy"}
-        return njit(cache=kept, **options)(function)  # type: ignore[call-overload]
+        made = njit(cache=kept, **options)(function)  # type: ignore[call-overload]
+        if kept:
+            _forgive(made._cache)
+        return made
 
     with suppress(RuntimeError):  # numba finds no folder for its cache
         return compile_(kept=True)
@@ -58,6 +61,41 @@ def _compile(function: _Function, forceinline: bool = False) -> _Function:
     finally:
         options["CACHE_DIR"] = saved
     return compile_(kept=False)
+
+
+def _forgive(kept: Any) -> None:
+    """Let numba go without what it keeps where it cannot be read, or written for lack of room."""
+    load, save = kept.load_overload, kept.save_overload
+
+    def load_or_compile(*signature_and_target: Any) -> Any:
+        try:
+            return load(*signature_and_target)
+        except Exception:  # a file that was cut off when the power went, say
+            with suppress(OSError):
+                kept.flush()
+            return None
+
+    def save_if_possible(*signature_and_code: Any) -> None:
+        try:
+            save(*signature_and_code)
+        except OSError as error:
+            _say_not_kept(kept.cache_path, error.strerror or str(error))
+
+    kept.load_overload, kept.save_overload = load_or_compile, save_if_possible
+
+
+_told: set[str] = set()
+"""Why something was not kept, as far as it has been said; folders there are many."""
+
+
+def _say_not_kept(folder: str, reason: str) -> None:
+    if parent_process() is None and reason not in _told:
+        _told.add(reason)
+        print(
+            f"skipnet: compiled code is not kept in {folder}: {reason} "
+            "(NUMBA_CACHE_DIR names another folder)",
+            file=sys.stderr,
+        )
 
 
 @cache

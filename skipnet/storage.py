@@ -127,7 +127,8 @@ def naming(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is not None:
+        says_all = error.errno is None and type(error) is not OSError  # one of ours
+        if error.filename is not None or says_all:
             raise
         # NumPy's own has neither number nor words.
         number = error.errno or errno.EIO

@@ -92,10 +92,17 @@ class Cloud:
 
 
 def as_cloud(points: npt.ArrayLike | Cloud, name: str = "") -> Cloud:
-    """A Cloud of (N, 3) points; one that is a Cloud already comes back as it is."""
+    """A Cloud of (N, 3) points; one that is a Cloud already comes back as it is.
+
+    Raises:
+        ValueError: neither.
+    """
     if isinstance(points, Cloud):
         return points
-    return Cloud(np.asarray(points, np.float64), name=name)
+    points_m = np.asarray(points, np.float64)
+    if points_m.ndim != 2 or points_m.shape[1] != 3:
+        raise ValueError(f"{name or 'cloud'}: got shape {points_m.shape}: expected points (N, 3)")
+    return Cloud(points_m, name=name)
 
 
 def concatenate(clouds: Sequence[Cloud]) -> Cloud:

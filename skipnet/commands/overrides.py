@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, NoReturn, get_type_hints
 
 
 def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) -> Namespace:
@@ -22,9 +22,11 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
     parser = OverridesParser.create()
-    flags = get_args_parser().parse_args(list(arguments))
+    flags_parser = get_args_parser()
+    flags_parser.error = _refuse  # type: ignore[method-assign]  # else it prints Hydra's own flags
+    flags = flags_parser.parse_args(list(arguments))
     for argument in flags.overrides:
-        if "=" not in argument and not argument.startswith("~"):
+        if "=" not in argument[1:] and not argument.startswith("~"):
             raise ValueError(f"{argument!r} is not an override: write option=value")
         try:
             override = parser.parse_override(argument)
@@ -46,6 +48,10 @@ def check_overrides(arguments: Sequence[str], schema: type, config_dir: Path) ->
     return flags
 
 
+def _refuse(message: str) -> NoReturn:
+    raise ValueError(f"{message}; options are written option=value, --help shows them")
+
+
 def _check_key(key: str, schema: type, config_dir: Path) -> None:
     options = dict(_options(schema))
     groups = [folder.name for folder in config_dir.iterdir() if folder.is_dir()]
@@ -54,9 +60,8 @@ def _check_key(key: str, schema: type, config_dir: Path) -> None:
     if key in options or key in groups or any(options.get(parent) == "open" for parent in parents):
         return
     near = difflib.get_close_matches(key, [*options, *groups], n=1, cutoff=0.5)
-    hint = (
-        f"did you mean {near[0]}?" if near else "the options are " + ", ".join([*options, *groups])
-    )
+    first = dict.fromkeys(name for name in [*options, *groups] if "." not in name)
+    hint = f"did you mean {near[0]}?" if near else "the options are " + ", ".join(first)
     raise ValueError(f"no such option: {key}; {hint}")
 
 

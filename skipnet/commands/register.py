@@ -75,6 +75,12 @@ class RegisterConfig:
             raise ValueError(f"only {given} was given: give source=FILE and target=FILE together")
         if self.scans and self.source is not None:
             raise ValueError("scans=[...] and source=/target= exclude each other: give only one")
+        stds = self.prior_position_std_m, self.prior_rotation_std_deg
+        if self.prior is None and stds != (None, None):
+            raise ValueError(
+                "prior_position_std_m and prior_rotation_std_deg say how far a prior may be off: "
+                "give it with prior=FILE"
+            )
         if self.scans and self.prior is not None:
             raise ValueError("prior is for two scans: leave it out with scans=[...]")
         if self.scans and (self.source_viewpoint, self.target_viewpoint) != ("auto", "auto"):

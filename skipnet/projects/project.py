@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
+from skipnet.checks import check_seed
 from skipnet.networks.catalog import find_network
 from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly
@@ -19,7 +20,7 @@ from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, sea
 from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
-from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.pipeline import clean
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.describing import common_voxel_size_m, describe
@@ -68,6 +69,7 @@ class Project:
         Raises:
             ValueError: the voxel size is no length, or other processes have no folder to share.
         """
+        check_seed(seed)
         self._workers = workers or Workers()
         if folder is None and not self._workers.is_here:
             raise ValueError(f"{self._workers} without a folder: expected one that they share")
@@ -75,7 +77,7 @@ class Project:
             check_voxel_size(voxel_size_m)
         self.voxel_size_m = voxel_size_m
         self._seed = seed
-        self._config = config or RegistrationConfig()
+        self._config = as_config(config)
         self._folder = None if folder is None else Path(folder)
         self._store = PairStore(None if folder is None else Path(folder) / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []

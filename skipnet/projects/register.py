@@ -43,6 +43,8 @@ def register_many(
     Raises:
         ValueError: fewer than two scans, one that is no point cloud, or viewpoints that do not fit.
     """
+    if isinstance(scans, (str, os.PathLike)):
+        raise ValueError(f"scans={scans!s}: expected two or more in a list")
     if viewpoints is None:
         viewpoints = ["auto"] * len(scans)
     if len(viewpoints) != len(scans):

@@ -66,12 +66,12 @@ class RegistrationConfig:
 
     def __post_init__(self) -> None:
         require(bool(self.generators), "generators", self.generators, "at least one generator")
+        known = all(isinstance(generator, Generator) for generator in self.generators)
+        require(known, "generators", self.generators, "members of Generator")
         weights_file(self.network, "network")
         if Generator.deep in self.generators:
             weights_file(self.deep_network, "deep_network")
         check_known("device", self.device, ("cpu", "cuda", "mps"))
-        known = all(isinstance(generator, Generator) for generator in self.generators)
-        require(known, "generators", self.generators, "members of Generator")
         for name in ("denoise_sigma", "feature_weight", "violation_weight"):
             value = getattr(self, name)
             require(0 <= value < math.inf, name, value, "a number of 0 or more")
@@ -80,3 +80,14 @@ class RegistrationConfig:
             require(getattr(self, name) >= 50, name, getattr(self, name), "50 or more")
         neighbours = self.denoise_neighbours
         require(neighbours >= 1, "denoise_neighbours", neighbours, "1 or more")
+
+
+def as_config(config: RegistrationConfig | None) -> RegistrationConfig:
+    """The options that were given, or the defaults.
+
+    Raises:
+        ValueError: something else was given.
+    """
+    given = RegistrationConfig() if config is None else config
+    require(isinstance(given, RegistrationConfig), "config", config, "a RegistrationConfig")
+    return given

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from skipnet.checks import check_seed
 from skipnet.clouds.cleaning import denoise
 from skipnet.geometry import invert, transform_points
 from skipnet.networks.catalog import find_network
 from skipnet.parallel.threads import one_blas_thread
-from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.prior import Prior, as_prior, compare, poses_about
 from skipnet.registration.result import Asked, Registration, ScanFacts
 from skipnet.registration.searching import LAST_RESORTS, search
@@ -60,7 +61,8 @@ def register(
     Raises:
         ValueError: not two clouds of finite points that span a surface, or a bad option.
     """
-    config, prior, clock = config or RegistrationConfig(), as_prior(prior), Stopwatch()
+    check_seed(seed)
+    config, prior, clock = as_config(config), as_prior(prior), Stopwatch()
     with clock("validate"):
         source, target = opened(source, "source"), opened(target, "target")
         source_m, source_at = taken(source, source_viewpoint, "source", "source_viewpoint")

@@ -38,7 +38,7 @@ class Prior:
     def __post_init__(self) -> None:
         T = np.asarray(self.T_target_source)
         if T.shape != (4, 4) or T.dtype.kind not in "iuf" or not np.isfinite(T).all():
-            raise ValueError(f"prior: got an array {T.shape}: expected a pose (4, 4) of numbers")
+            raise ValueError(f"prior: got {T.dtype} {T.shape}: expected a finite pose (4, 4)")
         turn = T[:3, :3]
         is_rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
         if not is_rigid or not np.allclose(T[3], [0, 0, 0, 1]):

@@ -139,18 +139,27 @@ def find_scans(names: Sequence[str]) -> list[Path]:
         if path.is_dir():
             inside = sorted(path.iterdir())
             here = [
-                file for file in inside if file.suffix.lower() in _IN_FOLDERS and file.is_file()
+                file
+                for file in inside
+                if file.suffix.lower() in _IN_FOLDERS and file.is_file() and not _is_hidden(file)
             ]
         elif path.exists():
             here = [path]
         else:
             anchor = Path(path.anchor) if path.is_absolute() else Path()
             pattern = str(path.relative_to(path.anchor)) if path.is_absolute() else name
-            here = sorted(anchor.glob(pattern)) if any(mark in name for mark in "*?[") else []
+            is_pattern = any(mark in name for mark in "*?[")
+            matching = sorted(anchor.glob(pattern)) if is_pattern else []
+            here = [file for file in matching if not _is_hidden(file)]
         if not here:
             raise FileNotFoundError(f"{name}: no such file, or a folder without scans")
         found += here
     return found
+
+
+def _is_hidden(file: Path) -> bool:
+    """Such as ``._a.ply`` beside ``a.ply``: another program's notes."""
+    return file.name.startswith(".")
 
 
 def check_not_overwritten(paths: Sequence[Path], output_dir: Path, outputs: Sequence[str]) -> None:

@@ -67,6 +67,8 @@ def opened(scan: ScanLike, name: str) -> Cloud | SkipTree:
         return _of_laspy(scan, name)
     if hasattr(scan, "points"):
         return _of_open3d(scan, name)
+    if np.ma.is_masked(scan):
+        raise ValueError(f"{name}: some numbers are masked: drop their points")
     try:
         array = np.asarray(scan.detach().cpu() if hasattr(scan, "detach") else scan)
     except ValueError as error:  # rows of different lengths

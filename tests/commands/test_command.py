@@ -131,7 +131,7 @@ BAD_OVERRIDES = {
     "brush.widht_m=1": "did you mean brush.width_m?",
     "+brush.hue=1": "no such option: brush.hue",
     "width_m=1": "did you mean brush.width_m?",
-    "zzz=1": "the options are title, count, output_dir, brush, brush.width_m, brush.colour, extras",
+    "zzz=1": "the options are title, count, output_dir, brush, extras",
     "~count": "cannot be removed",
     "count": "write option=value",
     "count=a(b": "needs quotes",

@@ -17,6 +17,8 @@ from threading import Lock
 from skipnet.commands import hydra_app
 from skipnet.parallel.threads import _helpers
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # where tests run in the background, too
+
 @dataclass
 class Config:
     width_m: float = 1.0

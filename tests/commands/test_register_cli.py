@@ -136,6 +136,13 @@ BAD = {
     ),
     "one scan": (["scans=[scans/a.ply]"], "holds one scan: expected two or more"),
     "both ways": (["source=a.ply", "target=b.ply", "scans=[a.ply,b.ply]"], "exclude each other"),
+    "no flag": (["--fast"], "unrecognized arguments: --fast; options are written option=value"),
+    "no option": (["=3"], "'=3' is not an override"),
+    "how far no prior is off": (["prior_position_std_m=1"], "give it with prior=FILE"),
+    "no network": (
+        ["source=scans/a.ply", "target=scans/b.npy", "registration.network=scans/a.ply"],
+        "no file of the network",
+    ),
     "a missing scan": (["scans=[scans/a.ply,scans/c.ply]"], "scans/c.ply: no such file"),
 }
 

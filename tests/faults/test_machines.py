@@ -40,6 +40,40 @@ def test_compiled_code_is_kept_where_it_can_be_and_it_is_said_once(tmp_path):
     assert told.count("\n") == 1 and "compiled anew" in told and "open to others" in told
 
 
+def test_compiled_code_that_was_cut_off_is_made_anew(tmp_path):
+    run(tmp_path)
+    for pattern in ("*.nbi", "*.nbc"):
+        for path in tmp_path.rglob(pattern):
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        assert run(tmp_path).count("\n") == 1
+        kept = {path: path.read_bytes() for path in tmp_path.rglob("*.nb?")}
+        run(tmp_path)
+        assert len(kept) == 2 and all(path.read_bytes() == kept[path] for path in kept)
+
+
+ELSEWHERE = """
+from skipnet.features.primitives import _add_up
+_add_up(np.ones((3, 2)), np.ones((1, 2), bool))
+"""
+FULL = """
+import errno, os
+import numba.core.caching as caching
+def is_full(self, key, data): raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+caching.IndexDataCacheFile.save = is_full
+"""
+
+
+def test_a_full_disk_keeps_no_compiled_code_and_that_is_said_once(tmp_path):
+    places = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", FULL + COMPILED + ELSEWHERE],
+        capture_output=True, text=True, env={**os.environ, **places}, check=True,
+    )  # fmt: skip
+    assert done.stdout == "True\n"
+    assert done.stderr.count("\n") == 1 and "No space left" in done.stderr
+    assert str(tmp_path) in done.stderr
+
+
 @pytest.mark.parametrize(
     ("limits", "processors"),
     [({}, math.inf), ({"": "max 100000"}, math.inf), ({"a": "150000 100000"}, 1.5),

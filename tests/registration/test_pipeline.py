@@ -268,6 +268,7 @@ GOOD = np.random.default_rng(0).normal(size=(100, 3))
         (np.where(GOOD > 2, np.nan, GOOD), GOOD, "source: .* hold NaN or infinity"),
         (GOOD, np.full((100, 3), np.inf), "target: 100 of 100 points hold NaN or infinity"),
         (GOOD[:, :1] * [1.0, 2, 3], GOOD, "source: all 100 points lie on one line"),
+        (np.ma.masked_greater(GOOD, 1), GOOD, "source: some numbers are masked"),
     ],
 )
 def test_bad_clouds_raise_what_was_given_and_what_is_expected(source, target, words):
@@ -287,11 +288,22 @@ def test_bad_clouds_raise_what_was_given_and_what_is_expected(source, target, wo
         ("source_viewpoint", "origin", "source_viewpoint"),
         ("source_viewpoint", [1.0, 2.0], "source_viewpoint"),
         ("target_viewpoint", [0.0, 0.0, float("nan")], "target_viewpoint"),
+        ("seed", -1, "seed=-1: expected a whole number"),
+        ("seed", 1.5, "seed=1.5: expected a whole number"),
+        ("seed", None, "seed=None: expected a whole number"),
+        ("config", {"device": "cpu"}, "expected a RegistrationConfig"),
     ],
 )
 def test_bad_options_name_the_option(option, value, words):
     with pytest.raises(ValueError, match=words):
         skipnet.register(GOOD, GOOD, **{option: value})
+
+
+def test_a_name_in_place_of_a_list_is_refused():
+    with pytest.raises(ValueError, match="generators=planes: expected members"):
+        RegistrationConfig(generators="planes")
+    with pytest.raises(ValueError, match="two or more in a list"):
+        skipnet.register_many("a.ply")
 
 
 def test_other_places_that_both_scans_saw_a_kilometre_away_do_not_matter():

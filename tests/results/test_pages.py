@@ -105,7 +105,7 @@ def test_coordinates_that_are_hardly_metres_are_noticed(tmp_path):
 def test_scans_are_found_by_file_pattern_and_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scans").mkdir()
-    for name in ("a.ply", "b.las", "[1].ply", "notes.md"):
+    for name in ("a.ply", "b.las", "[1].ply", "notes.md", "._a.ply"):
         (tmp_path / "scans" / name).touch()
     names = ["[1].ply", "a.ply", "b.las"]
     assert [path.name for path in find_scans(["scans"])] == names

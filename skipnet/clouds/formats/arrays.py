@@ -162,6 +162,8 @@ def _cloud_of_array(array: np.ndarray, path: Path, beside: dict[str, np.ndarray]
         raise ValueError(
             f"{path}: holds {array.dtype} of shape {array.shape}: expected (N, 3) numbers"
         )
+    if not len(array):  # what it says of columns was held against nothing
+        raise ValueError(f"{path}: holds no points")
     table = array.astype(np.float64)
     names, notes = name_columns(table, path)
     cloud = cloud_of_columns(dict(zip(names, table.T, strict=True)), path, notes=notes)

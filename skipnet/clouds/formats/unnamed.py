@@ -16,6 +16,10 @@ _FAR = 1000.0
 """Whole numbers beyond are rather a grid of map coordinates than rows and columns."""
 
 
+_MOST_COLUMNS = 1000
+"""Per point; of more, something else is stored."""
+
+
 def name_columns(
     table: FloatArray, path: Path, is_pts: bool = False
 ) -> tuple[list[str], tuple[str, ...]]:
@@ -38,6 +42,8 @@ def name_columns(
     """
     _check_places(table, path)
     width = table.shape[1]
+    if width > _MOST_COLUMNS:
+        raise ValueError(f"{path}: has {width:,} columns: expected x, y, z and a few more")
     names = [f"column {number}" for number in range(1, width + 1)]
     names[:3] = "xyz"
     pts = is_pts and width == 7 and _may_be_colours(table[:, 4:7])
