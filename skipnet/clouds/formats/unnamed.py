@@ -84,7 +84,7 @@ def _are_normals(three: FloatArray) -> bool:
 
 
 def _check_places(table: FloatArray, path: Path) -> None:
-    """Refuse a first column that counts the lines or the time, and whole numbers beside fractions.
+    """Refuse a column that counts the lines or the time, and whole numbers beside fractions.
 
     Of three columns all must be coordinates: whole ones are a grid.
     """
@@ -98,7 +98,12 @@ def _check_places(table: FloatArray, path: Path) -> None:
         axis + 1 for axis in range(3) if whole[axis] and moving[axis] and near[axis]
     ] if not all(whole) else []  # fmt: skip
     steps = np.diff(places[:, 0])
-    counts = bool((steps == 1).all())
+    counting = [
+        axis + 1
+        for axis in range(3)
+        if (whole[axis] or axis == 0) and (np.diff(places[:, axis]) == 1).all()
+    ]
+    counts = bool(counting)
     tells_time = bool((steps > 0).all() and np.ptp(steps) < 0.01 * steps.mean())
     if not (odd or counts or tells_time):
         return
@@ -106,6 +111,6 @@ def _check_places(table: FloatArray, path: Path) -> None:
     if not (counts or tells_time):
         what = "holds whole numbers alone, unlike the others"
     raise ValueError(
-        f"{path}: column {1 if counts or tells_time else odd[0]} {what}: it is hardly a "
+        f"{path}: column {(counting or [1] * tells_time + odd)[0]} {what}: it is hardly a "
         "coordinate; name the columns in a first line, such as: row x y z"
     )
