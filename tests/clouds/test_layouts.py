@@ -215,6 +215,12 @@ def test_how_many_numbers_a_raw_record_has_is_found_out(tmp_path, points, names,
         np.testing.assert_allclose(cloud.intensity, table[:, 3], atol=1e-6)
 
 
+def test_a_few_raw_points_are_no_evidence_for_a_longer_record(tmp_path):
+    points = np.array([[0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5], [1, 0.5, 0], [0.5, 1, 0], [1, 1, 0]])
+    points.astype("<f4").tofile(tmp_path / "a.bin")
+    assert skipnet.read_points(tmp_path / "a.bin").tolist() == points.tolist()
+
+
 def test_labels_are_no_raw_points(tmp_path):
     labels = np.random.default_rng(0).integers(0, 40, 240)
     for kind in ("<i8", "<i4", "<u2"):

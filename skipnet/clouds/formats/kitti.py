@@ -22,7 +22,9 @@ _NEAREST_M = 1e-3
 _BRIGHTEST = 65535
 _LOOKED_AT = 1 << 14
 _CLEARLY = 0.1
-"""So much smaller must the spread of the columns be, in nats, for another layout than KITTI's."""
+"""So much smaller must the spread of the columns be, in nats, for another layout than KITTI's ..."""
+_FEW = 400
+"""... and more by chance where there are hardly more records than so many."""
 
 
 @dataclass(frozen=True)
@@ -129,10 +131,11 @@ def _find_records(start: bytes, size: int, path: Path) -> _Records:
     fitting = [one for one in fitting if one.kind == "<f4"] or fitting
     if fitting:
         spreads = [one.spread(start) for one in fitting]
+        margin = _CLEARLY * (1 + np.sqrt(_FEW * _KITTI.size / len(start)))
         return next(
             one
             for one, spread in zip(fitting, spreads, strict=True)
-            if spread <= min(spreads) + _CLEARLY
+            if spread <= min(spreads) + margin
         )
     if _KITTI not in whole or not _are_near(_KITTI.read(start)[:, :3]):
         raise _refusal(path)
