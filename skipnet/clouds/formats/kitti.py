@@ -23,7 +23,7 @@ _BRIGHTEST = 65535
 _LOOKED_AT = 1 << 14
 _CLEARLY = 0.1
 """So much smaller must the spread of the columns be, in nats, for another layout than KITTI's ..."""
-_FEW = 400
+_FEW = 200
 """... and more by chance where there are hardly more records than so many."""
 
 
@@ -131,7 +131,7 @@ def _find_records(start: bytes, size: int, path: Path) -> _Records:
     fitting = [one for one in fitting if one.kind == "<f4"] or fitting
     if fitting:
         spreads = [one.spread(start) for one in fitting]
-        margin = _CLEARLY * (1 + np.sqrt(_FEW * _KITTI.size / len(start)))
+        margin = _CLEARLY * (1 + _FEW * _KITTI.size / len(start))
         return next(
             one
             for one, spread in zip(fitting, spreads, strict=True)
