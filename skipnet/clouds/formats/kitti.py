@@ -22,7 +22,7 @@ _NEAREST_M = 1e-3
 _BRIGHTEST = 65535
 _LOOKED_AT = 1 << 14
 _CLEARLY = 0.1
-"""So much smaller must the spread of the columns be, in nats, for another layout than KITTI's ..."""
+"""So much smaller (nats) must the spread of the columns be for another layout than KITTI's ..."""
 _FEW = 200
 """... and more by chance where there are hardly more records than so many."""
 
