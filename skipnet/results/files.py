@@ -23,13 +23,13 @@ from skipnet.results.closing import closing_rows
 from skipnet.results.clouds import output_names, write_aligned
 from skipnet.results.folder import new_results
 from skipnet.results.inputs import Given, check_not_overwritten, read_given
-from skipnet.results.lengths import Lengths
 from skipnet.results.pair import pair_page, result_json
 from skipnet.results.views import pair_viewer
 from skipnet.scans.scan import Viewpoint
 from skipnet.skipmap.tree import points_of
 from skipnet.storage import write_bytes, write_text
 from skipnet.types import Pair
+from skipnet.viz.lengths import Lengths
 
 PAIR_OUTPUTS = ("result.json", "before_after.png", "report.html")
 SIMULATED_FAMILY = "paper_room"
@@ -156,7 +156,7 @@ def write_pair(
     write_aligned(source, target, result.T_target_source, folder, names)
     write_bytes(folder / "before_after.png", png)
     lengths = Lengths(target.cloud.unit)
-    view, residuals_m = pair_viewer(source, target, result)
+    view, residuals_m = pair_viewer(source, target, result, lengths)
     page = pair_page(result, described, view, residuals_m, png, seed, lengths)
     write_text(folder / "report.html", page)
     write_text(folder / "result.json", result_json(result, inputs, facts, seed, lengths))

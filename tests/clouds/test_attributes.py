@@ -182,5 +182,6 @@ def test_viewpoints_far_from_everything_are_not_believed(tmp_path):
 def test_a_cloud_and_its_skip_map_print_as_sentences():
     cloud = Cloud(np.zeros((1200, 3)), intensity=np.zeros(1200), name="a.ply")
     assert str(cloud) == "a.ply: 1,200 points with intensity"
+    assert repr(cloud) == f"<Cloud {cloud}>"
     plane = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0), [0.0]), axis=-1).reshape(-1, 3)
     assert str(skipnet.build_skipmap(plane, 2.0)).endswith("effective voxels of 2 m")

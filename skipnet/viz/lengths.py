@@ -32,6 +32,14 @@ class Lengths:
         """
         return f"{self.in_small(length_m):.3g} {self.small_unit}"
 
+    def large(self, length_m: float) -> str:
+        """A large length in words.
+
+        >>> Lengths().large(1234.5), Lengths("mm").large(1.5)
+        ('1,234 m', '1,500 mm')
+        """
+        return f"{length_m / METRES_PER_UNIT[self.unit]:,.0f} {self.unit}"
+
     def in_small(self, length_m: float) -> float:
         """A length in ``small_unit``."""
         return length_m / METRES_PER_UNIT[self.small_unit]
