@@ -16,14 +16,13 @@ from skipnet.skipmap.tree import points_of
 from skipnet.types import FloatArray, IntArray
 from skipnet.viz.colours import scan_colour
 from skipnet.viz.lengths import Lengths
+from skipnet.viz.residuals import residuals_m
 from skipnet.viz.viewed import ViewedPose, ViewedScan, some_rows
 from skipnet.viz.viewer import MOST_POINTS, viewer
 
 if TYPE_CHECKING:
     from skipnet.projects.assembly import Assembly
 
-_MOST_MEASURED = 400_000
-"""Points of all scans together to which residuals are measured."""
 _MOST_PLACES = 8
 """Of scans in doubt; each is a button."""
 
@@ -62,40 +61,6 @@ def group_viewer(
     poses = _poses(result, shown, thinned_m)
     view = viewer(viewed, poses, 0, voxel_size_m / 2, most, lengths=lengths)
     return view, np.concatenate(measured_m)
-
-
-def residuals_m(
-    placed_m: Sequence[FloatArray], rows: Sequence[IntArray], reach_m: float
-) -> list[FloatArray]:
-    """How far some points of every scan lie from the nearest point of any other, up to a reach.
-
-    Args:
-        placed_m: per scan its (N, 3) points, in one frame.
-        rows: per scan of the points that are asked about.
-        reach_m: larger distances come back as it.
-    """
-    from scipy.spatial import cKDTree
-
-    rng = np.random.default_rng(0)
-    most = max(1, _MOST_MEASURED // len(placed_m))
-    kept_m = [
-        points_m if len(points_m) <= most else rng.choice(points_m, most, replace=False)
-        for points_m in placed_m
-    ]
-    trees = [cKDTree(points_m, balanced_tree=False, compact_nodes=False) for points_m in kept_m]
-    boxes = [(points_m.min(0) - reach_m, points_m.max(0) + reach_m) for points_m in kept_m]
-    found = []
-    for number, (points_m, asked) in enumerate(zip(placed_m, rows, strict=True)):
-        asked_m = points_m[asked]
-        nearest_m = np.full(len(asked_m), reach_m)
-        for other, (low_m, high_m) in enumerate(boxes):
-            near = np.flatnonzero(((asked_m > low_m) & (asked_m < high_m)).all(axis=1))
-            if other == number or not len(near):
-                continue
-            away_m = trees[other].query(asked_m[near], distance_upper_bound=reach_m, workers=-1)[0]
-            nearest_m[near] = np.minimum(nearest_m[near], away_m)
-        found.append(nearest_m)
-    return found
 
 
 def _colours(scan: Given, rows: IntArray) -> IntArray | None:

@@ -14,10 +14,10 @@ from skipnet.skipmap.tree import points_of
 from skipnet.types import FloatArray, Status
 from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR
 from skipnet.viz.lengths import Lengths
+from skipnet.viz.residuals import distances_m
 from skipnet.viz.viewed import ViewedPose, ViewedScan
 from skipnet.viz.viewer import MOST_POINTS, viewer
 
-_MOST_MEASURED = 200_000
 _FAR_EXTENTS = 5.0
 """Scans farther apart than so many of their extents are shown moved together."""
 
@@ -76,7 +76,7 @@ def pair_viewer(
     source_m, target_m = points_of(source.points_m), points_of(target.points_m)
     T = result.T_target_source
     moved_m = transform_points(T, source_m)
-    away_m = _distances_m(moved_m, target_m), _distances_m(target_m, moved_m)
+    away_m = distances_m(moved_m, target_m), distances_m(target_m, moved_m)
     names = (f"source: {source.path.name}", f"target: {target.path.name}")
     described = skipmaps_of(result)
     tints = (SOURCE_COLOUR, TARGET_COLOUR)
@@ -126,16 +126,6 @@ def _candidates(result: Registration) -> list[ViewedPose]:
         note = f"Alternative {number}: another pose that explains the scans nearly as well."
         poses.append(ViewedPose(f"alternative {number}", note, (T, stays)))
     return poses
-
-
-def _distances_m(from_m: FloatArray, to_m: FloatArray) -> FloatArray:
-    """(N,) distance of each point to the nearest of others; these are thinned where very many."""
-    from scipy.spatial import cKDTree
-
-    if len(to_m) > _MOST_MEASURED:
-        to_m = np.random.default_rng(0).choice(to_m, _MOST_MEASURED, replace=False)
-    tree = cKDTree(to_m, balanced_tree=False, compact_nodes=False)
-    return tree.query(from_m, workers=-1)[0]
 
 
 def advice(result: Registration) -> list[str]:

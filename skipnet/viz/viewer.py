@@ -93,7 +93,8 @@ def _page(
     return "\n".join(
         [
             f"<style>{_text('viewer.css')}</style>",
-            '<div class="viewer">',
+            # A form of its own: the buttons of several views on a page are apart.
+            '<form class="viewer" onsubmit="return false">',
             _choices("pose", "shown", [pose.label for pose in poses], start) if poses[1:] else "",
             '<canvas tabindex="0" aria-label="scans in 3-D"></canvas>',
             '<p class="said"></p>',
@@ -106,7 +107,7 @@ def _page(
             f"points to measure.{_scale(brightest) if 2 in modes else ''}</small>",
             f'<script type="application/json" class="scans">{_json(content)}</script>',
             f"<script>{_text('viewer.js')}</script>",
-            "</div>",
+            "</form>",
         ]
     )
 

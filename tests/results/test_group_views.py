@@ -12,10 +12,11 @@ import pytest
 import skipnet
 from skipnet.clouds.cloud import Cloud
 from skipnet.projects.assembly import Place
-from skipnet.results.group_views import group_viewer, residuals_m
+from skipnet.results.group_views import group_viewer
 from skipnet.results.inputs import given_cloud
 from skipnet.simulation.scanning.pairs import simulate_scans
 from skipnet.viz.lengths import Lengths
+from skipnet.viz.residuals import residuals_m
 
 
 def test_residuals_are_to_the_nearest_point_of_another_scan_within_reach():
