@@ -52,6 +52,8 @@ class Choices:
     """A pose that somebody believes in, judged like any other."""
     colour_by_scan: bool = False
     """Merged scans get one colour each, also where they have colours of their own."""
+    source_unit: str | None = None
+    """Of the source's coordinates, where it is another than ``unit``."""
 
 
 def register_pair_files(
@@ -72,9 +74,9 @@ def register_pair_files(
     names = output_names("aligned", [source], choices.format)
     check_not_overwritten([source, target], output_dir, [*PAIR_OUTPUTS, *names])
     given = []
-    for path in (source, target):
+    for path, unit in ((source, choices.source_unit or choices.unit), (target, choices.unit)):
         tell(f"reading {path.name}")
-        given.append(read_given(path, choices.unit))
+        given.append(read_given(path, unit))
     return _register_and_write(given, output_dir, names, choices)
 
 
