@@ -221,6 +221,19 @@ def test_a_few_raw_points_are_no_evidence_for_a_longer_record(tmp_path):
     assert skipnet.read_points(tmp_path / "a.bin").tolist() == points.tolist()
 
 
+def test_a_first_row_of_nan_stops_nobody(tmp_path):
+    (tmp_path / "a.xyz").write_text("NaN NaN NaN\nnan nan nan\n1 2 3\n4 5 6.5\n")
+    cloud = skipnet.read_cloud(tmp_path / "a.xyz")
+    assert cloud.points_m.tolist() == POINTS and "dropped 2 of 4" in cloud.notes[0]
+
+
+def test_colours_beside_three_arrays_of_coordinates(tmp_path):
+    x, y, z = np.array(POINTS).T
+    colours = np.array([[1, 2, 3], [200, 5, 6]], np.uint8)
+    np.savez(tmp_path / "a.npz", x=x, y=y, z=z, rgb=colours)
+    assert skipnet.read_cloud(tmp_path / "a.npz").colour.tolist() == colours.tolist()
+
+
 def test_labels_are_no_raw_points(tmp_path):
     labels = np.random.default_rng(0).integers(0, 40, 240)
     for kind in ("<i8", "<i4", "<u2"):

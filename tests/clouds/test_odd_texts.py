@@ -112,6 +112,7 @@ REFUSED = {
     "intensity first": (lines(INTENSITY, P), "whole numbers alone"),
     "time first": (lines(1.6e9 + 0.1 * NUMBERS, P), "as a time does"),
     "degrees": (lines(P, mark=",", head="lon,lat,height\n"), "project degrees"),
+    "a share first": (lines((1 + P[:, :1]) % 1, P), "as an intensity does"),
     "degrees in a remark": (
         lines(P, P, head="# ID T LONGITUDE_A LATITUDE_A H_A COUNT\n"),
         "project degrees",

@@ -89,7 +89,7 @@ def _no_points(above: Sequence[str], path: Path) -> ValueError:
 def _begins_points(coming: Sequence[str]) -> bool:
     """Whether the first of some lines is a point: three numbers, and laid out like its next."""
     rows = [pieces(line) for line in coming]
-    if sum(map(is_number, rows[0])) < 3:
+    if sum(is_number(word) or word.lower() == "nan" for word in rows[0]) < 3:
         return False
     widths = [len(row) for row in rows]
     return len(rows) < 3 or widths[1] == widths[0] or widths[2] != widths[1]
