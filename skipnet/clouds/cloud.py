@@ -50,6 +50,9 @@ class Cloud:
         held = f" with {', '.join(self.holds)}" if self.holds else ""
         return f"{self.name or 'a cloud'}: {len(self):,} points{held}"
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self}>"
+
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> Cloud:
         """The same cloud with some of its points."""
         return replace(

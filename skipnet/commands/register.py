@@ -33,6 +33,8 @@ class RegisterConfig:
     a folder, a pattern such as scans/*.ply, or one E57 or PTX file that holds several."""
     unit: str = "auto"
     """Of the coordinates: m, cm, mm, km, ft, us_ft, in; auto: what the file says, else metres."""
+    source_unit: str | None = None
+    """Of the source's coordinates, where it is another; null: unit."""
     format: str = "auto"
     """Of aligned and merged clouds, beside PLY: pcd, las, laz, e57, xyz, csv; auto: the inputs'."""
     colour_by_scan: bool = False
@@ -63,6 +65,8 @@ class RegisterConfig:
         check_viewpoint("source_viewpoint", self.source_viewpoint)
         check_viewpoint("target_viewpoint", self.target_viewpoint)
         check_known("unit", self.unit, ("auto", *METRES_PER_UNIT))
+        if self.source_unit is not None:
+            check_known("source_unit", self.source_unit, ("auto", *METRES_PER_UNIT))
         require(self.seed >= 0, "seed", self.seed, "a whole number of at least 0")
         size_m = self.voxel_size_m
         fits = size_m is None or 0 < size_m < math.inf
@@ -81,8 +85,9 @@ class RegisterConfig:
                 "prior_position_std_m and prior_rotation_std_deg say how far a prior may be off: "
                 "give it with prior=FILE"
             )
-        if self.scans and self.prior is not None:
-            raise ValueError("prior is for two scans: leave it out with scans=[...]")
+        for name in ("prior", "source_unit"):
+            if self.scans and getattr(self, name) is not None:
+                raise ValueError(f"{name} is for two scans: leave it out with scans=[...]")
         if self.scans and (self.source_viewpoint, self.target_viewpoint) != ("auto", "auto"):
             raise ValueError(
                 "source_viewpoint and target_viewpoint are for two scans: with scans=[...] all "
@@ -114,6 +119,7 @@ def register(config: RegisterConfig) -> Registration | Assembly:
         config.format,
         _prior(config),
         config.colour_by_scan,
+        config.source_unit,
     )
     folder = Path(config.output_dir)
     if config.scans:

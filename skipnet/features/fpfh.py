@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+from importlib import import_module
+from types import ModuleType
+
 import numpy as np
 
 from skipnet.skipmap.skipmap import SkipMap
@@ -9,6 +13,19 @@ from skipnet.types import FloatArray
 
 FPFH_RADIUS_VOXELS = 5.0
 _FPFH_MAX_NEIGHBOURS = 100
+_NO_SERVER = "OPEN3D_DISABLE_WEB_VISUALIZER"
+
+
+def _open3d() -> ModuleType:
+    """The library, without the window server that it starts in a notebook, and its words of it."""
+    before = os.environ.get(_NO_SERVER)
+    os.environ[_NO_SERVER] = "True"
+    try:
+        return import_module("open3d")
+    finally:
+        del os.environ[_NO_SERVER]
+        if before is not None:
+            os.environ[_NO_SERVER] = before
 
 
 def fpfh(skipmap: SkipMap) -> FloatArray:
@@ -21,8 +38,7 @@ def fpfh(skipmap: SkipMap) -> FloatArray:
     Returns:
         (V, 33) float32, one row per voxel.
     """
-    import open3d as o3d
-
+    o3d = _open3d()
     if skipmap.viewpoint_m is None:
         skipmap = skipmap.seen_from(np.zeros(3))
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(skipmap.centroids_m))
@@ -31,5 +47,5 @@ def fpfh(skipmap: SkipMap) -> FloatArray:
         FPFH_RADIUS_VOXELS * skipmap.voxel_size_m, _FPFH_MAX_NEIGHBOURS
     )
     compute = o3d.pipelines.registration.compute_fpfh_feature
-    feature = compute(cloud, neighbourhood)  # type: ignore[call-arg]  # indices are optional
+    feature = compute(cloud, neighbourhood)
     return np.asarray(feature.data).T.astype(np.float32)

@@ -13,6 +13,7 @@ import numpy as np
 from skipnet.projects.ways import PairKey
 from skipnet.registration.result import PAGES, Registration
 from skipnet.scans.given import ScanLike
+from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, Status
 
 
@@ -86,9 +87,14 @@ class Assembly:
     """Seconds per stage."""
     given: Sequence[ScanLike] = field(default=(), repr=False, compare=False)
     """The scans as they were added: paths, or what is in memory."""
+    described: Sequence[Scan] = field(default=(), repr=False, compare=False)
+    """The same as they were searched."""
 
     def __str__(self) -> str:
         return f"{self.outcome}: {self.reason}"
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self}>"
 
     def save(self, folder: str | os.PathLike[str], format: str = "auto") -> None:
         """Write what the command line writes: poses.json, merged clouds, report.html, a picture.
@@ -123,9 +129,9 @@ class Assembly:
         """One sentence for a person."""
         held = sum(word is Word.HOLDS for word in self.words.values())
         refuted = sum(word is Word.REFUTED for word in self.words.values())
-        found = f"of {len(self.pairs)} pairs tried {held} hold"
+        found = f"of {_counted(len(self.pairs), 'pair')} tried {held} hold{'s' * (held == 1)}"
         if refuted:
-            found += f" and {refuted} are refuted by other scans"
+            found += f" and {refuted} {'is' if refuted == 1 else 'are'} refuted by other scans"
         placed = [group for group in self.groups if len(group) > 1]
         lone = [scan for group in self.groups if len(group) == 1 for scan in group]
         if len(self.groups) == 1:
@@ -136,6 +142,10 @@ class Assembly:
             numbers = ", ".join(str(scan) for scan in lone)
             parts.append(f"in doubt: scan{'s' if len(lone) > 1 else ''} {numbers}")
         return f"{found}; {'; '.join(parts)}"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def deviation(covariance: FloatArray) -> tuple[float, float]:

@@ -144,7 +144,7 @@ class Project:
         with clock("pose graph"):
             used = {key: self._outcomes[key] for key in keys}
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
-        return replace(result, given=tuple(self._originals))
+        return replace(result, given=tuple(self._originals), described=tuple(self._scans))
 
     def _describe(self) -> None:
         """Describe the scans that are new, with the project's voxel size."""

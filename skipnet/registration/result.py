@@ -78,6 +78,9 @@ class Registration:
     def __str__(self) -> str:
         return f"{self.status} (confidence {self.confidence:.2f}): {self.reason}"
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self}>"
+
     def transform(self, source: ScanLike) -> Cloud | FloatArray:
         """The source in the target's frame.
 

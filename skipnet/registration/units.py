@@ -81,7 +81,8 @@ def reason_for(guess: UnitGuess, scaled_registers: bool) -> str:
         return (
             f"the sizes agree only if the source is in {guess.source_unit} and the target in "
             f"{guess.target_unit}: scaled by {guess.factor:.4g} the source can be registered; "
-            "bring both to one unit and try again"
+            "say so (unit= of the target, source_unit= of the source; in Python "
+            "skipnet.read_cloud(path, unit))"
         )
     return (
         f"no pose explains both scans, whose sizes differ as {guess.source_unit} and "

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.registration.result import Registration
-from skipnet.results.lengths import Lengths
 from skipnet.types import FloatArray
+from skipnet.viz.lengths import Lengths
 
 if TYPE_CHECKING:
     from skipnet.projects.assembly import Assembly
@@ -41,7 +41,7 @@ def closing_rows(
     return [*rows, ("time", _times(result.timings_s)), ("files", ", ".join(written))]
 
 
-def many_rows(result: Assembly, written: Sequence[str]) -> list[tuple[str, str]]:
+def many_rows(result: Assembly, lengths: Lengths, written: Sequence[str]) -> list[tuple[str, str]]:
     """Verdict, groups, uncertainty, times and files of many scans."""
     placed = [scan for group in result.groups if len(group) > 1 for scan in group]
     sizes = ", ".join(str(len(group)) for group in result.groups)
@@ -49,7 +49,7 @@ def many_rows(result: Assembly, written: Sequence[str]) -> list[tuple[str, str]]
     if placed:
         worst_m = max(result.position_std_m[scan] for scan in placed)
         worst_deg = math.degrees(max(result.rotation_std_rad[scan] for scan in placed))
-        off = f"{Lengths().small(worst_m)} and {worst_deg:.2g} deg"
+        off = f"{lengths.small(worst_m)} and {worst_deg:.2g} deg"
         rows.append(("uncertainty", f"{off} at most, against the first of its group"))
     return [*rows, ("time", _times(result.timings_s)), ("files", ", ".join(written))]
 

@@ -23,13 +23,13 @@ from skipnet.results.closing import closing_rows
 from skipnet.results.clouds import output_names, write_aligned
 from skipnet.results.folder import new_results
 from skipnet.results.inputs import Given, check_not_overwritten, read_given
-from skipnet.results.lengths import Lengths
 from skipnet.results.pair import pair_page, result_json
 from skipnet.results.views import pair_viewer
 from skipnet.scans.scan import Viewpoint
 from skipnet.skipmap.tree import points_of
 from skipnet.storage import write_bytes, write_text
 from skipnet.types import Pair
+from skipnet.viz.lengths import Lengths
 
 PAIR_OUTPUTS = ("result.json", "before_after.png", "report.html")
 SIMULATED_FAMILY = "paper_room"
@@ -52,6 +52,8 @@ class Choices:
     """A pose that somebody believes in, judged like any other."""
     colour_by_scan: bool = False
     """Merged scans get one colour each, also where they have colours of their own."""
+    source_unit: str | None = None
+    """Of the source's coordinates, where it is another than ``unit``."""
 
 
 def register_pair_files(
@@ -72,9 +74,9 @@ def register_pair_files(
     names = output_names("aligned", [source], choices.format)
     check_not_overwritten([source, target], output_dir, [*PAIR_OUTPUTS, *names])
     given = []
-    for path in (source, target):
+    for path, unit in ((source, choices.source_unit or choices.unit), (target, choices.unit)):
         tell(f"reading {path.name}")
-        given.append(read_given(path, choices.unit))
+        given.append(read_given(path, unit))
     return _register_and_write(given, output_dir, names, choices)
 
 
@@ -156,7 +158,7 @@ def write_pair(
     write_aligned(source, target, result.T_target_source, folder, names)
     write_bytes(folder / "before_after.png", png)
     lengths = Lengths(target.cloud.unit)
-    view, residuals_m = pair_viewer(source, target, result)
+    view, residuals_m = pair_viewer(source, target, result, lengths)
     page = pair_page(result, described, view, residuals_m, png, seed, lengths)
     write_text(folder / "report.html", page)
     write_text(folder / "result.json", result_json(result, inputs, facts, seed, lengths))

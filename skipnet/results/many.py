@@ -14,13 +14,14 @@ from skipnet.results.closing import many_rows
 from skipnet.results.clouds import output_names, write_merged
 from skipnet.results.files import Choices, announce
 from skipnet.results.folder import new_results
+from skipnet.results.group_views import group_viewer
 from skipnet.results.inputs import Given, check_not_overwritten, read_given_scans
 from skipnet.results.plan import plan_of
 from skipnet.results.project import poses_json, scans_page
-from skipnet.results.views import placed_viewer
 from skipnet.skipmap.tree import points_of
 from skipnet.storage import write_bytes, write_text
 from skipnet.types import FloatArray
+from skipnet.viz.lengths import Lengths
 
 if TYPE_CHECKING:
     from skipnet.projects.assembly import Assembly
@@ -76,11 +77,16 @@ def write_many(
     """
     tell("drawing and writing")
     labels = [scan.cloud.name for scan in scans]
-    view, png = _write_groups(scans, result, folder, names, choices)
-    page = scans_page(result, labels, view, png, _plan(scans, result), choices.seed)
+    lengths = Lengths(scans[result.groups[0][0]].cloud.unit)
+    png = _write_groups(scans, result, folder, names, choices)
+    view = group_viewer(scans, result, lengths)
+    inputs = [scan.description for scan in scans]
+    page = scans_page(
+        result, labels, view, (png, _plan(scans, result)), choices.seed, lengths, inputs
+    )
     write_text(folder / "report.html", page)
-    write_text(folder / "poses.json", poses_json(result, labels, choices.seed))
-    return many_rows(result, sorted(path.name for path in folder.iterdir()))
+    write_text(folder / "poses.json", poses_json(result, labels, choices.seed, lengths))
+    return many_rows(result, lengths, sorted(path.name for path in folder.iterdir()))
 
 
 def _write_groups(
@@ -89,12 +95,8 @@ def _write_groups(
     output_dir: Path,
     names: Sequence[str],
     choices: Choices,
-) -> tuple[str, bytes]:
-    """Write a merged cloud of each group and a picture of the largest.
-
-    Returns:
-        The largest group in 3-D, as HTML, and its picture.
-    """
+) -> bytes:
+    """Write a merged cloud of each group and a picture of the largest, which comes back."""
     from matplotlib.colors import to_rgb
 
     from skipnet.viz.colours import scan_colour
@@ -109,10 +111,9 @@ def _write_groups(
         write_merged(placed, tints, choices.colour_by_scan, output_dir, own)
         if number == 0:
             labels = [f"{scan}: {Path(scans[scan].cloud.name).name}" for scan in group]
-            view = placed_viewer(placed, labels)
             png = png_bytes(draw_scans([cloud.points_m for cloud in placed], labels))
     write_bytes(output_dir / "scans.png", png)
-    return view, png
+    return png
 
 
 def _numbered(name: str, group: int) -> str:

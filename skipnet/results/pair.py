@@ -11,13 +11,16 @@ import numpy as np
 
 from skipnet.provenance import versions
 from skipnet.registration.result import Registration
-from skipnet.results.lengths import Lengths
 from skipnet.results.views import advice, words_of
 from skipnet.storage import plain
 from skipnet.types import FloatArray
 from skipnet.viz import html
+from skipnet.viz.lengths import Lengths
 
 _LONGEST_DETAIL = 200
+_FROM_THE_TARGET = (
+    "How far the source's points lie from the nearest point of the target in the pose above. "
+)
 
 
 def result_json(
@@ -80,7 +83,7 @@ def pair_page(
         html.status_banner(result.status, result.reason, result.confidence),
         html.section("What to try", html.bullets(tips)) if tips else "",
         html.section("In 3-D", view),
-        _residual_section(residuals_m, result.voxel_size_m, lengths),
+        residual_section(_FROM_THE_TARGET, residuals_m, result.voxel_size_m, lengths),
         html.section(
             "From above and from the side",
             html.picture(png, f"Both scans in the target's frame. After: {words.note}"),
@@ -93,10 +96,13 @@ def pair_page(
     )
 
 
-def _residual_section(residuals_m: FloatArray, voxel_size_m: float, lengths: Lengths) -> str:
+def residual_section(
+    of_what: str, residuals_m: FloatArray, voxel_size_m: float, lengths: Lengths
+) -> str:
+    """How far points lie from others, in words and as a histogram."""
     return html.section(
         "Residuals",
-        html.paragraph(_residuals(residuals_m, voxel_size_m, lengths)),
+        html.paragraph(of_what + _residuals(residuals_m, voxel_size_m, lengths)),
         html.histogram(
             lengths.in_small(1.0) * residuals_m,
             lengths.in_small(voxel_size_m),
@@ -144,10 +150,7 @@ def _residuals(residuals_m: FloatArray, voxel_size_m: float, lengths: Lengths) -
     """The residuals in words."""
     near_m = residuals_m[residuals_m < voxel_size_m]
     share = len(near_m) / max(len(residuals_m), 1)
-    text = (
-        "How far the source's points lie from the nearest point of the target in the pose above. "
-        f"{share:.0%} lie within one voxel ({lengths.small(voxel_size_m)})"
-    )
+    text = f"{share:.0%} lie within one voxel ({lengths.small(voxel_size_m)})"
     return (
         f"{text}, half of these within {lengths.small(float(np.median(near_m)))}."
         if share

@@ -9,28 +9,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skipnet.provenance import versions
-from skipnet.results.pair import footer, registration_fields
+from skipnet.results.pair import footer, registration_fields, residual_section
 from skipnet.storage import plain
+from skipnet.types import FloatArray, Status
 from skipnet.viz import html
+from skipnet.viz.lengths import Lengths
 
 if TYPE_CHECKING:
     from skipnet.projects.assembly import Assembly
 
 
-def poses_json(result: Assembly, names: Sequence[str], seed: int) -> str:
+def poses_json(result: Assembly, names: Sequence[str], seed: int, lengths: Lengths) -> str:
     """``poses.json``: groups, each scan's pose in its group, and every pair that was tried.
 
     ``T_group_scan`` maps a scan into the frame of its group's first scan. A scan that is
     ``ambiguous`` is a group of its own; ``places`` lists where it may stand. A pair's
     ``T_target_source`` maps scan number ``source`` into the frame of scan number ``target``;
     ``word`` says what became of it, and ``closure_m`` how far the final poses put the middle of its
-    overlap from where the pair alone does (null: no link of a group).
+    overlap from where the pair alone does (null: no link of a group). Poses are in metres; where
+    the files are not, ``T_group_scan_in_unit`` has them in ``unit``.
     """
     content = {
         "status": result.outcome,
         "reason": result.reason,
         "groups": result.groups,
-        "scans": [_scan(result, number, name) for number, name in enumerate(names)],
+        "unit": lengths.unit,
+        "scans": [_scan(result, number, name, lengths) for number, name in enumerate(names)],
         "pairs": [_pair(result, key) for key in sorted(result.pairs)],
         "reliability": result.reliability,
         "timings_s": result.timings_s,
@@ -41,32 +45,46 @@ def poses_json(result: Assembly, names: Sequence[str], seed: int) -> str:
 
 
 def scans_page(
-    result: Assembly, names: Sequence[str], view: str, png: bytes, plan: bytes, seed: int
+    result: Assembly,
+    names: Sequence[str],
+    view: tuple[str, FloatArray],
+    pictures: tuple[bytes, bytes],
+    seed: int,
+    lengths: Lengths,
+    inputs: Sequence[str],
 ) -> str:
     """``report.html`` of many scans: where each stands, what is in doubt, what every pair said.
 
     Args:
         result: of the registration.
         names: of the scans.
-        view: the scans of the largest group in 3-D, as HTML.
-        png: picture of the same.
-        plan: picture of the scans' places from above, with the links between them.
+        view: the scans of the largest group in 3-D, as HTML, and the residuals of their points.
+        pictures: of the same, and of the scans' places from above, with the links between them.
         seed: of the run.
+        lengths: how to speak of them.
+        inputs: what was read of every scan.
     """
+    png, plan = pictures
+    in_doubt = result.outcome is not Status.REGISTERED
+    doubts = html.section("In doubt", *_doubts(result, names))
+    voxel_size_m = next(iter(result.pairs.values())).voxel_size_m
     return html.page(
         f"Registration of {len(names)} scans",
         html.status_banner(result.outcome, result.reason),
-        html.section("In 3-D", view),
+        doubts if in_doubt else "",
+        html.section("In 3-D", view[0]),
+        residual_section(_FROM_OTHERS, view[1], voxel_size_m, lengths),
         html.picture(png, "The scans of the largest group, in the frame of its first."),
         html.picture(
             plan,
             "Every group from above, with its links. Thick: much overlap. Red: contradicts the "
             "others and has no say. Dashed: a pair that registered, but that other scans refute.",
         ),
-        html.section("In doubt", *_doubts(result, names)),
-        html.section("Scans", _scans_table(result, names), _SCANS_HELP),
-        html.section("Links", _links_table(result), _LINKS_HELP),
+        "" if in_doubt else doubts,
+        html.section("Scans", _scans_table(result, names, lengths), _SCANS_HELP),
+        html.section("Links", _links_table(result, lengths), _LINKS_HELP),
         html.section("Pairs", _pairs_table(result), _PAIRS_HELP),
+        html.section("Inputs", html.bullets(inputs)),
         html.section(
             "Time",
             html.table(
@@ -78,13 +96,15 @@ def scans_page(
     )
 
 
-def _scan(result: Assembly, number: int, name: str) -> dict[str, Any]:
+def _scan(result: Assembly, number: int, name: str, lengths: Lengths) -> dict[str, Any]:
     places = result.places.get(number, [])
+    in_unit = {"T_group_scan_in_unit": lengths.pose(result.T_group_scan[number])}
     return {
         "path": name,
         "group": result.group_of[number],
         "status": result.status[number],
         "T_group_scan": result.T_group_scan[number],
+        **({} if lengths.unit == "m" else in_unit),
         "position_std_m": result.position_std_m[number],
         "rotation_std_rad": result.rotation_std_rad[number],
         "places": [{"group": place.group, "T_group_scan": place.T_group_scan} for place in places],
@@ -119,7 +139,7 @@ def _doubts(result: Assembly, names: Sequence[str]) -> list[str]:
         if count == 0:
             told += "shares nothing with the others that would hold it. A scan between helps."
         elif count == 1:
-            told += "may stand where the result lists it, but too little confirms it."
+            told += "may stand where the 3-D view shows it, but too little confirms it."
         else:
             told += f"fits in {count} places about equally well. A scan from its door helps."
         parts.append(told)
@@ -131,35 +151,39 @@ def _doubts(result: Assembly, names: Sequence[str]) -> list[str]:
     return [html.paragraph(part) for part in parts] or [html.paragraph("Nothing.")]
 
 
-def _scans_table(result: Assembly, names: Sequence[str]) -> str:
+def _scans_table(result: Assembly, names: Sequence[str], lengths: Lengths) -> str:
     rows = [
         (
             number,
             name,
             result.group_of[number],
             result.status[number],
-            *(f"{coordinate_m:.3f}" for coordinate_m in result.T_group_scan[number][:3, 3]),
-            f"{1000 * result.position_std_m[number]:.1f}",
+            *(f"{place:.3f}" for place in lengths.pose(result.T_group_scan[number])[:3, 3]),
+            f"{lengths.in_small(result.position_std_m[number]):.2g}",
             f"{np.rad2deg(result.rotation_std_rad[number]):.3f}",
         )
         for number, name in enumerate(names)
     ]
-    heads = ["number", "file", "group", "status", "x (m)", "y (m)", "z (m)", "+- (mm)", "+- (deg)"]
+    heads = ["number", "file", "group", "status"]
+    heads += [f"{axis} ({lengths.unit})" for axis in "xyz"]
+    heads += [f"+- ({lengths.small_unit})", "+- (deg)"]
     return html.table(heads, rows)
 
 
-def _links_table(result: Assembly) -> str:
+def _links_table(result: Assembly, lengths: Lengths) -> str:
     rows = [
         (
             f"{source} into {target}",
             f"{link.overlap:.3f}",
             f"{link.violation:.4f}",
-            f"{1000 * link.closure_m:.1f}",
+            f"{lengths.in_small(link.closure_m):.3g}",
             f"{link.weight:.2f}",
         )
         for (target, source), link in sorted(result.links.items())
     ]
-    return html.table(["pair", "overlap", "violation", "closure (mm)", "weight"], rows)
+    return html.table(
+        ["pair", "overlap", "violation", f"closure ({lengths.small_unit})", "weight"], rows
+    )
 
 
 def _pairs_table(result: Assembly) -> str:
@@ -177,6 +201,7 @@ def _pairs_table(result: Assembly) -> str:
 
 
 _SURE = 0.9
+_FROM_OTHERS = "How far points of every scan in its place lie from the nearest point of another. "
 _SCANS_HELP = html.paragraph(
     "x, y, z: the scan's origin in the frame of its group's first scan. +-: standard deviation "
     "against that scan, from what the links determine and how well they agree."

@@ -7,18 +7,18 @@ import tempfile
 from html import escape
 from pathlib import Path
 
-from skipnet.clouds.cloud import Cloud
 from skipnet.projects.assembly import Assembly
 from skipnet.registration.result import Registration
 from skipnet.results.clouds import output_names
 from skipnet.results.files import Choices, write_pair
 from skipnet.results.folder import new_results
+from skipnet.results.group_views import group_viewer
 from skipnet.results.inputs import Given, given_cloud
 from skipnet.results.many import write_many
-from skipnet.results.views import pair_viewer, placed_viewer
+from skipnet.results.views import pair_viewer
 from skipnet.scans.given import opened
-from skipnet.skipmap.tree import points_of
 from skipnet.viz import html
+from skipnet.viz.lengths import Lengths
 
 _NOTEBOOK_POINTS = 40_000
 """Shown in a notebook, which keeps every picture in its file."""
@@ -64,9 +64,9 @@ def notebook_html(result: Registration) -> str:
     if result.given is None:
         return banner
     source, target = _scans(result)
-    view, _ = pair_viewer(source, target, result, _NOTEBOOK_POINTS)
-    page = html.page("Registration of two scans", banner, view)
-    return f'<iframe srcdoc="{escape(page)}" style="width:100%;height:52rem;border:0"></iframe>'
+    lengths = Lengths(target.cloud.unit)
+    view, _ = pair_viewer(source, target, result, lengths, _NOTEBOOK_POINTS)
+    return _framed(html.page("Registration of two scans", banner, view))
 
 
 def notebook_html_of_many(result: Assembly) -> str:
@@ -74,17 +74,19 @@ def notebook_html_of_many(result: Assembly) -> str:
     banner = html.status_banner(result.outcome, result.reason)
     if not result.given:
         return banner
-    scans = [_scan_of(result, number) for number in result.groups[0]]
-    placed = [
-        Cloud(points_of(scan.points_m)).moved(result.T_group_scan[number])
-        for scan, number in zip(scans, result.groups[0], strict=True)
-    ]
-    view = placed_viewer(placed, [str(scan.path.name) for scan in scans], _NOTEBOOK_POINTS)
+    scans = [_scan_of(result, number) for number in range(len(result.given))]
+    lengths = Lengths(scans[result.groups[0][0]].cloud.unit)
+    view, _ = group_viewer(scans, result, lengths, _NOTEBOOK_POINTS)
     return _framed(html.page(f"Registration of {len(result.given)} scans", banner, view))
 
 
 def _framed(page: str) -> str:
-    return f'<iframe srcdoc="{escape(page)}" style="width:100%;height:52rem;border:0"></iframe>'
+    # As high as what is in it, where the notebook lets it say so.
+    fit = "this.style.height=this.contentDocument.documentElement.scrollHeight+8+'px'"
+    return (
+        f'<iframe srcdoc="{escape(page)}" onload="{fit}" '
+        'style="width:100%;height:62rem;border:0"></iframe>'
+    )
 
 
 def _scans(result: Registration) -> tuple[Given, Given]:

@@ -21,10 +21,11 @@ def skipmaps_of(result: Registration) -> tuple[ViewedSkipMap | None, ViewedSkipM
     if result.given is None or result.given.described is None:
         return None, None
     source, target = result.given.described
-    return _viewed(source), _viewed(target)
+    return viewed_skipmap(source), viewed_skipmap(target)
 
 
-def _viewed(scan: Scan) -> ViewedSkipMap:
+def viewed_skipmap(scan: Scan) -> ViewedSkipMap:
+    """Of one scan, in the frame that it was given in."""
     classes = np.full(len(scan.skipmap), NO_CLASS)
     classes[scan.features.rows] = scan.features.classes
     centroids_m = transform_points(scan.T_given_own, scan.skipmap.centroids_m)

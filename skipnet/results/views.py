@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from skipnet.clouds.cloud import Cloud
 from skipnet.geometry import transform_points
 from skipnet.registration.result import Registration
 from skipnet.results.inputs import LARGEST_SCENE_M, Given
 from skipnet.results.skipmaps import matched_features, skipmaps_of
 from skipnet.skipmap.tree import points_of
 from skipnet.types import FloatArray, Status
-from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR, scan_colour
+from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR
+from skipnet.viz.lengths import Lengths
+from skipnet.viz.residuals import distances_m
 from skipnet.viz.viewed import ViewedPose, ViewedScan
 from skipnet.viz.viewer import MOST_POINTS, viewer
 
-_MOST_MEASURED = 200_000
 _FAR_EXTENTS = 5.0
 """Scans farther apart than so many of their extents are shown moved together."""
 
@@ -59,7 +58,11 @@ def words_of(result: Registration) -> PoseWords:
 
 
 def pair_viewer(
-    source: Given, target: Given, result: Registration, most: int = MOST_POINTS
+    source: Given,
+    target: Given,
+    result: Registration,
+    lengths: Lengths,
+    most: int = MOST_POINTS,
 ) -> tuple[str, FloatArray]:
     """The view of a pair, and the (N,) residuals of the source's points in the pose.
 
@@ -67,12 +70,13 @@ def pair_viewer(
         source: the scan that was moved.
         target: the scan that stayed.
         result: of the registration.
+        lengths: how to speak of them.
         most: points to show.
     """
     source_m, target_m = points_of(source.points_m), points_of(target.points_m)
     T = result.T_target_source
     moved_m = transform_points(T, source_m)
-    away_m = _distances_m(moved_m, target_m), _distances_m(target_m, moved_m)
+    away_m = distances_m(moved_m, target_m), distances_m(target_m, moved_m)
     names = (f"source: {source.path.name}", f"target: {target.path.name}")
     described = skipmaps_of(result)
     tints = (SOURCE_COLOUR, TARGET_COLOUR)
@@ -84,33 +88,33 @@ def pair_viewer(
             names, (source_m, target_m), tints, (source, target), away_m, described, strict=True
         )
     ]
-    poses = [_before(source_m, target_m), *_candidates(result)]
+    poses = [_before(source_m, target_m, lengths), *_candidates(result)]
     start = min(1, len(poses) - 1)
     matches = matched_features(described, result)
-    view = viewer(scans, poses, start, result.voxel_size_m / 2, most, matches)
+    brightest_m = result.voxel_size_m / 2
+    view = viewer(scans, poses, start, brightest_m, most, matches, lengths)
     return view, away_m[0]
 
 
-def placed_viewer(placed: Sequence[Cloud], names: Sequence[str], most: int = MOST_POINTS) -> str:
-    """The view of many scans that are in one frame already."""
-    scans = [
-        ViewedScan(name, cloud.points_m, scan_colour(number), cloud.colour)
-        for number, (cloud, name) in enumerate(zip(placed, names, strict=True))
-    ]
-    note = "Every scan that found its place."
-    return viewer(scans, [ViewedPose("placed", note, [np.eye(4)] * len(scans))], most=most)
-
-
-def _before(source_m: FloatArray, target_m: FloatArray) -> ViewedPose:
+def _before(source_m: FloatArray, target_m: FloatArray, lengths: Lengths) -> ViewedPose:
     """Both scans as they came; moved together where that would be two dots far apart."""
+    T, apart_m = moved_together(source_m, target_m)
+    if T[:3, 3].any():
+        there = f"{lengths.large(apart_m)} apart"
+        note = f"As they came, but moved together: they lie {there}."
+        return ViewedPose("as they came, moved together", note, (T, np.eye(4)))
+    return ViewedPose("as they came", "Both scans as they came.", (T, np.eye(4)))
+
+
+def moved_together(source_m: FloatArray, target_m: FloatArray) -> tuple[FloatArray, float]:
+    """The (4, 4) shift that brings a scan beside another, none where it is not far from it, and
+    how far it is."""
     T = np.eye(4)
     apart_m = np.median(target_m, axis=0) - np.median(source_m, axis=0)
     extent_m = max(float(np.ptp(points_m, axis=0).max()) for points_m in (source_m, target_m))
     if np.linalg.norm(apart_m) > _FAR_EXTENTS * extent_m:
         T[:3, 3] = apart_m
-        note = f"As they came, but moved together: they lie {np.linalg.norm(apart_m):,.0f} m apart."
-        return ViewedPose("as they came, moved together", note, (T, np.eye(4)))
-    return ViewedPose("as they came", "Both scans as they came.", (T, np.eye(4)))
+    return T, float(np.linalg.norm(apart_m))
 
 
 def _candidates(result: Registration) -> list[ViewedPose]:
@@ -122,16 +126,6 @@ def _candidates(result: Registration) -> list[ViewedPose]:
         note = f"Alternative {number}: another pose that explains the scans nearly as well."
         poses.append(ViewedPose(f"alternative {number}", note, (T, stays)))
     return poses
-
-
-def _distances_m(from_m: FloatArray, to_m: FloatArray) -> FloatArray:
-    """(N,) distance of each point to the nearest of others; these are thinned where very many."""
-    from scipy.spatial import cKDTree
-
-    if len(to_m) > _MOST_MEASURED:
-        to_m = np.random.default_rng(0).choice(to_m, _MOST_MEASURED, replace=False)
-    tree = cKDTree(to_m, balanced_tree=False, compact_nodes=False)
-    return tree.query(from_m, workers=-1)[0]
 
 
 def advice(result: Registration) -> list[str]:

@@ -65,6 +65,8 @@ def opened(scan: ScanLike, name: str) -> Cloud | SkipTree:
         return read_cloud(scan)
     if hasattr(scan, "xyz"):
         return _of_laspy(scan, name)
+    if hasattr(scan, "to_legacy"):
+        scan = scan.to_legacy()  # Open3D's tensors; its other clouds hold doubles too
     if hasattr(scan, "points"):
         return _of_open3d(scan, name)
     if np.ma.is_masked(scan):
@@ -84,7 +86,13 @@ def _of_laspy(las: Any, name: str) -> Cloud:
     if {"red", "green", "blue"} <= has:
         colour = as_colour([np.asarray(las[axis]) for axis in ("red", "green", "blue")])
     intensity = np.asarray(las.intensity) if "intensity" in has else None
-    return Cloud(np.asarray(las.xyz), colour=colour, intensity=intensity, name=name)
+    return Cloud(
+        np.asarray(las.xyz),
+        colour=colour,
+        intensity=intensity,
+        offset_m=np.array(getattr(las, "header", las).offsets, np.float64),
+        name=name,
+    )
 
 
 def _of_open3d(cloud: Any, name: str) -> Cloud:

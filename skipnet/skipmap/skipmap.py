@@ -61,6 +61,9 @@ class SkipMap:
     def __str__(self) -> str:
         return f"{len(self):,} effective voxels of {self.voxel_size_m:.4g} m"
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self}>"
+
     @property
     def cells(self) -> IntArray:
         """(V, 3) int64 cells."""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skipnet.benchmark.options import EvaluateConfig
+from skipnet.benchmark.reporting.figures import pair_view
 from skipnet.benchmark.reporting.pages import ReportFigure
 from skipnet.benchmark.running.runner import PREDICTIONS_FILE
 from skipnet.benchmark.running.setup import make_pair_set, protocol_of
@@ -39,6 +40,8 @@ from skipnet.viz.tables import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MOST_VIEWS = 12
+"""Misses that are shown in 3-D too, so that the page stays below 10 MB."""
 OUR_DATASETS = "skipnet.benchmark.datasets."
 """Where the data sets lie that a run of anyone may name."""
 HEADERS = (
@@ -85,6 +88,12 @@ class Miss:
         head = (self.pair.name, f"{self.overlap:.0%}", self.answer.status, found)
         return (*head, *reference, *answer, why)
 
+    def view(self) -> str:
+        """Both scans in 3-D: as answered, with the residuals, in truth, and before."""
+        T_answer = self.answer.pose("fine")
+        assert T_answer is not None
+        return pair_view(self.pair, T_answer)
+
     def draw(self) -> Figure:
         """Both scans under the reference pose, and under the answer."""
         from skipnet.viz.pictures import draw_before_after
@@ -104,7 +113,15 @@ def run(config: MissesConfig) -> dict[str, Any]:
     """Look into every miss of a run and report, with a picture of each; the summary comes back."""
     misses = list(find_misses(Path(str(config.run)), config.method))
     unproposed = sum(miss.was_offered_too_little for miss in misses)
-    figures = [ReportFigure(_file_name(m), f"{m.pair.name}: {m.row[-1]}", m.draw()) for m in misses]
+    figures = [
+        ReportFigure(
+            _file_name(miss),
+            f"{miss.pair.name}: {miss.row[-1]}",
+            miss.draw(),
+            miss.view() if number < MOST_VIEWS else "",
+        )
+        for number, miss in enumerate(misses)
+    ]
     return report(
         config,
         "Misses: why were pairs missed?",

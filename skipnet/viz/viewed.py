@@ -54,8 +54,8 @@ class ViewedPose:
     """On its button."""
     note: str
     """Below the view, when it is shown: what it is, and how far it is to be believed."""
-    T_common_scan: Sequence[FloatArray]
-    """(4, 4) of each scan."""
+    T_common_scan: Sequence[FloatArray | None]
+    """(4, 4) of each scan; None of one that is not shown."""
 
 
 def pack(
@@ -128,8 +128,11 @@ def pack_pose(
     pose: ViewedPose, scans_m: Sequence[FloatArray], centre_m: FloatArray
 ) -> dict[str, object]:
     """Transforms between the scans' middles and the view's centre, column by column."""
-    matrices = []
+    matrices: list[list[float] | None] = []
     for T, points_m in zip(pose.T_common_scan, scans_m, strict=True):
+        if T is None:
+            matrices.append(None)
+            continue
         local = np.array(T, np.float64)
         local[:3, 3] = T[:3, :3] @ _middle(points_m) + T[:3, 3] - centre_m
         matrices.append(local.T.ravel().tolist())

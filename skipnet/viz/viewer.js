@@ -138,7 +138,7 @@ function showScans(root) {
   function drawPose(which) {
     const size = dot * data.dot * Math.min(...gl.getParameter(gl.VIEWPORT).slice(2));
     data.scans.forEach((scan, number) => {
-      if (!scan.visible) return;
+      if (!scan.visible || !data.poses[which].matrices[number]) return;
       const layer = also.skipmap && scan.voxels ? scan.voxels : scan;
       gl.uniformMatrix4fv(at("model"), false, new Float32Array(data.poses[which].matrices[number]));
       gl.uniform3fv(at("tint"), scan.tint); boxed(layer.low, layer.span);
@@ -176,7 +176,7 @@ function showScans(root) {
     [x, y] = [x % box.width, y % box.height];
     let best = null;
     data.scans.forEach((scan, number) => {
-      if (!scan.visible) return;
+      if (!scan.visible || !data.poses[which].matrices[number]) return;
       const all = multiply(view, data.poses[which].matrices[number]), m = data.poses[which].matrices[number];
       for (let i = 0; i < scan.count; i++) {
         const p = [0, 1, 2].map((k) => scan.low[k] + scan.places[3 * i + k] / 65535 * scan.span[k]);
@@ -195,9 +195,10 @@ function showScans(root) {
     const found = pick(x, y);
     if (!found) return;
     measured = measured.length === 1 ? [measured[0], found] : [found];
-    const words = (one) => `${one.name} (${one.place.map((c, k) => (c + data.centre[k]).toFixed(3)).join(", ")}) m`;
+    const { name: unit, metres } = data.unit, digits = Math.max(0, Math.round(3 + Math.log10(metres)));
+    const words = (one) => `${one.name} (${one.place.map((c, k) => ((c + data.centre[k]) / metres).toFixed(digits)).join(", ")}) ${unit}`;
     said.textContent = measured.length === 1 ? words(measured[0]) + " - click a second point to measure"
-      : `${Math.hypot(...measured[0].place.map((c, k) => c - measured[1].place[k])).toFixed(4)} m between ${words(measured[0])} and ${words(measured[1])}`;
+      : `${(Math.hypot(...measured[0].place.map((c, k) => c - measured[1].place[k])) / metres).toFixed(digits + 1)} ${unit} between ${words(measured[0])} and ${words(measured[1])}`;
   }
 
   const touches = new Map();

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from skipnet.checks import METRES_PER_UNIT
 from skipnet.geometry import transform_points
 from skipnet.types import FeatureClass, FloatArray
 from skipnet.viz.colours import CLASS_COLOURS, CLASS_NAMES
+from skipnet.viz.lengths import Lengths
 from skipnet.viz.viewed import ViewedPose, ViewedScan, pack, pack_pose, some_rows
 
 MOST_POINTS = 200_000
@@ -31,6 +33,7 @@ def viewer(
     brightest_m: float = 0.05,
     most: int = MOST_POINTS,
     matches: Sequence[tuple[int, int]] = (),
+    lengths: Lengths | None = None,
 ) -> str:
     """The HTML of a view of scans with one button per pose.
 
@@ -41,12 +44,18 @@ def viewer(
         brightest_m: the residual shown in yellow.
         most: points of all scans together.
         matches: numbers of feature voxels of the first and of the second scan that correspond.
+        lengths: in which unit to measure; None: metres.
     """
+    lengths = lengths or Lengths()
     rows = [some_rows(scan.points_m, most // len(scans)) for scan in scans]
     thinned_m = [scan.points_m[kept] for scan, kept in zip(scans, rows, strict=True)]
     T_start = poses[start].T_common_scan
     placed_m = np.concatenate(
-        [transform_points(T, points_m) for T, points_m in zip(T_start, thinned_m, strict=True)]
+        [
+            transform_points(T, points_m)
+            for T, points_m in zip(T_start, thinned_m, strict=True)
+            if T is not None
+        ]
     )
     low_m, high_m = np.quantile(placed_m, [0.01, 0.99], axis=0)
     centre_m = np.round(0.5 * (low_m + high_m))
@@ -64,18 +73,19 @@ def viewer(
         "bottom": float(low_m[2] - centre_m[2]),
         "top": float(max(high_m[2], low_m[2] + 1e-6) - centre_m[2]),
         "dot": _DOT_SHARE * extent_m,
+        "unit": {"name": lengths.unit, "metres": METRES_PER_UNIT[lengths.unit]},
         "matches": [list(match) for match in matches],
         "palette": _palette(),
         "cut": _cut(placed_m[:, 2], low_m[2], high_m[2]),
     }
-    return _page(scans, poses, start, brightest_m, content)
+    return _page(scans, poses, start, lengths.small(brightest_m), content)
 
 
 def _page(
     scans: Sequence[ViewedScan],
     poses: Sequence[ViewedPose],
     start: int,
-    brightest_m: float,
+    brightest: str,
     content: dict[str, Any],
 ) -> str:
     """The canvas with its switches, and what the script draws on it."""
@@ -83,7 +93,8 @@ def _page(
     return "\n".join(
         [
             f"<style>{_text('viewer.css')}</style>",
-            '<div class="viewer">',
+            # A form of its own: the buttons of several views on a page are apart.
+            '<form class="viewer" onsubmit="return false">',
             _choices("pose", "shown", [pose.label for pose in poses], start) if poses[1:] else "",
             '<canvas tabindex="0" aria-label="scans in 3-D"></canvas>',
             '<p class="said"></p>',
@@ -93,10 +104,10 @@ def _page(
             f"<fieldset>{_slider('dot', 'dots', 0.3, 4, 1)}"
             f"{_slider('cut', 'hidden above', 0, 1, content['cut'])}</fieldset>",
             "<small>Drag to turn, wheel or pinch to zoom, shift or two fingers to move, click two "
-            f"points to measure.{_scale(brightest_m) if 2 in modes else ''}</small>",
+            f"points to measure.{_scale(brightest) if 2 in modes else ''}</small>",
             f'<script type="application/json" class="scans">{_json(content)}</script>',
             f"<script>{_text('viewer.js')}</script>",
-            "</div>",
+            "</form>",
         ]
     )
 
@@ -106,8 +117,8 @@ def _text(name: str) -> str:
     return files("skipnet.viz").joinpath(name).read_text("utf-8")
 
 
-def _scale(brightest_m: float) -> str:
-    return f" Residuals: dark blue 0, yellow {1000 * brightest_m:.3g} mm and more."
+def _scale(brightest: str) -> str:
+    return f" Residuals: dark blue 0, yellow {brightest} and more."
 
 
 def _json(content: object) -> str:

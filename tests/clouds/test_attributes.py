@@ -179,8 +179,17 @@ def test_viewpoints_far_from_everything_are_not_believed(tmp_path):
     assert cloud.viewpoint_m is None and "is not used" in cloud.notes[-1]
 
 
+def test_negative_intensities_of_pts_files_stay_apart_in_las(tmp_path):
+    pytest.importorskip("laspy")
+    intensity = np.array([-2048.0, -1000, 0, 2047])
+    skipnet.write_cloud(tmp_path / "a.las", Cloud(np.eye(4)[:, :3], intensity=intensity))
+    read = skipnet.read_cloud(tmp_path / "a.las").intensity
+    np.testing.assert_array_equal(read, intensity + 2048)
+
+
 def test_a_cloud_and_its_skip_map_print_as_sentences():
     cloud = Cloud(np.zeros((1200, 3)), intensity=np.zeros(1200), name="a.ply")
     assert str(cloud) == "a.ply: 1,200 points with intensity"
+    assert repr(cloud) == f"<Cloud {cloud}>"
     plane = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0), [0.0]), axis=-1).reshape(-1, 3)
     assert str(skipnet.build_skipmap(plane, 2.0)).endswith("effective voxels of 2 m")

@@ -190,6 +190,72 @@ def test_open3d_s_colours_and_normals_of_a_pcd(tmp_path):
         np.testing.assert_allclose(read.normals, [[0, 0, 1]] * 300)
 
 
+@pytest.mark.parametrize("points", [60, 3000])
+@pytest.mark.parametrize(
+    ("names", "scales"),
+    [
+        (["x", "y", "z", "intensity"], [30, 30, 2, 1]),
+        (["x", "y", "z"], [4, 4, 1.5]),
+        (["x", "y", "z", "red", "green", "blue"], [4, 4, 1.5, 256, 256, 256]),
+        (["x", "y", "z", "red", "green", "blue"], [4, 4, 1.5, 1, 1, 1]),
+        (["x", "y", "z", "intensity", "elongation", "time"], [30, 30, 2, 1, 1, 1e15]),
+        (["x", "y", "z", "intensity", "elongation"], [30, 30, 2, 1, 1]),
+    ],
+)
+def test_how_many_numbers_a_raw_record_has_is_found_out(tmp_path, points, names, scales):
+    rng = np.random.default_rng(points + len(names))
+    table = rng.random((12 * (points // 12), len(names))) * scales
+    table[:, 3:] = np.floor(table[:, 3:]) if max(scales) == 256 else table[:, 3:]
+    table[:, :3] -= np.array(scales[:3]) / 2
+    table.astype("<f4").tofile(tmp_path / "a.bin")
+    cloud = skipnet.read_cloud(tmp_path / "a.bin")
+    np.testing.assert_allclose(cloud.points_m, table[:, :3], atol=1e-5)
+    assert ("red" in names) == (cloud.colour is not None)
+    if "intensity" in names:
+        np.testing.assert_allclose(cloud.intensity, table[:, 3], atol=1e-6)
+
+
+def test_a_few_raw_points_are_no_evidence_for_a_longer_record(tmp_path):
+    points = np.array([[0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5], [1, 0.5, 0], [0.5, 1, 0], [1, 1, 0]])
+    points.astype("<f4").tofile(tmp_path / "a.bin")
+    assert skipnet.read_points(tmp_path / "a.bin").tolist() == points.tolist()
+
+
+def test_a_first_row_of_nan_stops_nobody(tmp_path):
+    (tmp_path / "a.xyz").write_text("NaN NaN NaN\nnan nan nan\n1 2 3\n4 5 6.5\n")
+    cloud = skipnet.read_cloud(tmp_path / "a.xyz")
+    assert cloud.points_m.tolist() == POINTS and "dropped 2 of 4" in cloud.notes[0]
+
+
+def test_colours_beside_three_arrays_of_coordinates(tmp_path):
+    x, y, z = np.array(POINTS).T
+    colours = np.array([[1, 2, 3], [200, 5, 6]], np.uint8)
+    np.savez(tmp_path / "a.npz", x=x, y=y, z=z, rgb=colours)
+    assert skipnet.read_cloud(tmp_path / "a.npz").colour.tolist() == colours.tolist()
+
+
+def test_labels_are_no_raw_points(tmp_path):
+    labels = np.random.default_rng(0).integers(0, 40, 240)
+    for kind in ("<i8", "<i4", "<u2"):
+        labels.astype(kind).tofile(tmp_path / "a.bin")
+        with pytest.raises(ValueError, match="not KITTI's layout"):
+            skipnet.read_points(tmp_path / "a.bin")
+
+
+def test_a_ply_file_of_pyntcloud_with_a_column_of_bool(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\nproperty double y\n"
+    body = "property double z\nproperty bool is_floor\nend_header\n1 2 3 1\n4 5 6.5 0\n"
+    (tmp_path / "a.ply").write_text(head + body)
+    cloud = skipnet.read_cloud(tmp_path / "a.ply")
+    assert cloud.points_m.tolist() == POINTS and cloud.columns["is_floor"].tolist() == [1, 0]
+
+
+def test_normals_as_pdal_and_cloudcompare_call_them(tmp_path):
+    rows = "1,2,3,0,0,1\n4,5,6.5,1,0,0\n"
+    (tmp_path / "a.csv").write_text('"X","Y","Z","NormalX","NormalY","NormalZ"\n' + rows)
+    assert skipnet.read_cloud(tmp_path / "a.csv").normals.tolist() == [[0, 0, 1], [1, 0, 0]]
+
+
 def test_kitti(tmp_path):
     np.array([[1, 2, 3, 0.5], [4, 5, 6.5, 1]], "<f4").tofile(tmp_path / "000000.bin")
     cloud = skipnet.read_cloud(tmp_path / "000000.bin")

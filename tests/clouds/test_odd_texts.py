@@ -112,6 +112,12 @@ REFUSED = {
     "intensity first": (lines(INTENSITY, P), "whole numbers alone"),
     "time first": (lines(1.6e9 + 0.1 * NUMBERS, P), "as a time does"),
     "degrees": (lines(P, mark=",", head="lon,lat,height\n"), "project degrees"),
+    "a share first": (lines((1 + P[:, :1]) % 1, P), "as an intensity does"),
+    "degrees in a remark": (
+        lines(P, P, head="# ID T LONGITUDE_A LATITUDE_A H_A COUNT\n"),
+        "project degrees",
+    ),
+    "numbers of shots": (lines(0 * NUMBERS + 0.5, 1103940 + NUMBERS, P), "column 2 counts"),
     "other names": (lines(P, mark=",", head="mass,age,price\n"), "neither numbers nor x, y, z"),
     "a grid": ("ncols 3\nnrows 60\ncellsize 1\n" + lines(P), "grid of heights"),
     "too few points": (f"{N + 5}\n" + lines(P), "truncated"),

@@ -16,6 +16,7 @@ from skipnet.projects.assembly import Word
 from skipnet.results.project import poses_json, scans_page
 from skipnet.simulation.scanning.floors import simulate_floor
 from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
+from skipnet.viz.lengths import Lengths
 
 FLOOR_SEED = 300_000
 
@@ -155,14 +156,16 @@ def test_results_tell_groups_places_and_every_pair(result):
         places={3: [projects_place(0), projects_place(0)]},
         words=result.words | {(0, 3): Word.REFUTED},
     )
-    told = json.loads(poses_json(doubtful, list("abcd"), 0))
+    told = json.loads(poses_json(doubtful, list("abcd"), 0, Lengths()))
     assert told["groups"] == [[0, 1, 2], [3]] and told["status"] == "ambiguous"
     assert told["scans"][3]["status"] == "ambiguous" and len(told["scans"][3]["places"]) == 2
     words = {(pair["target"], pair["source"]): pair["word"] for pair in told["pairs"]}
     assert words == {key: str(word) for key, word in doubtful.words.items()}
-    page = scans_page(doubtful, list("abcd"), "", b"", b"", 0)
+    rest = ("", np.zeros(3)), (b"", b""), 0, Lengths("ft"), ["one of four"]
+    page = scans_page(doubtful, list("abcd"), *rest)
+    assert "closure (in)" in page and "x (ft)" in page and "one of four" in page
     assert "Scan 3 (d) fits in 2 places" in page and "refuted" in page
-    assert "Nothing." in scans_page(result, list("abcd"), "", b"", b"", 0)
+    assert "Nothing." in scans_page(result, list("abcd"), *rest)
 
 
 def projects_place(group):

@@ -11,6 +11,7 @@ from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.reading import read_cloud, read_scans
 from skipnet.clouds.formats.writing import write_cloud, write_scans
 from skipnet.geometry import make_transform, transform_points
+from skipnet.registration.pipeline import register
 from skipnet.results import files
 from skipnet.results.inputs import find_scans, read_given
 from skipnet.results.many import register_scan_files
@@ -73,6 +74,44 @@ def test_a_utm_laz_pair_keeps_colours_columns_and_millimetres(tmp_path, pair):
     assert read["source"] == ["with colour, label"]
 
 
+def told_and_placed(kind, folder, scans_m, poses):
+    """A file or two of scans on a map, each with the place where its sensor stood."""
+    pytest.importorskip({"laz": "laspy", "e57": "pye57"}.get(kind, "numpy"))
+    if kind == "ptx":
+        for name, points_m, T in zip("ab", scans_m, poses, strict=True):
+            rows = [*T[:3, :3].T.tolist(), *T.T.tolist()]
+            head = [[len(points_m)], [1], T[:3, 3].tolist(), *rows]
+            lines = [" ".join(map(repr, row)) for row in head]
+            lines += [" ".join(f"{c:.4f}" for c in point) + " 0.5" for point in points_m]
+            (folder / f"{name}.ptx").write_text("\n".join(lines) + "\n")
+        return [folder / "a.ptx", folder / "b.ptx"]
+    clouds = [
+        Cloud(points_m, viewpoint_m=np.zeros(3), offset_m=np.array(UTM_M) * (kind == "laz")).moved(
+            T
+        )
+        for points_m, T in zip(scans_m, poses, strict=True)
+    ]
+    if kind == "e57":
+        write_scans(folder / "site.e57", clouds)
+        return read_scans(folder / "site.e57")
+    for name, cloud in zip("ab", clouds, strict=True):
+        write_cloud(folder / f"{name}.laz", cloud)
+    return [folder / "a.laz", folder / "b.laz"]
+
+
+@pytest.mark.parametrize("kind", ["laz", "e57", "ptx"])
+def test_scans_on_a_map_get_the_pose_and_the_verdict_of_their_own_coordinates(tmp_path, pair, kind):
+    scans_m = [np.round(points_m[::2], 4) for points_m in (pair.source_m, pair.target_m)]
+    turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]]) if kind != "laz" else np.eye(3)
+    poses = [make_transform(turn, np.array(UTM_M)), make_transform(turn.T, np.array(UTM_M))]
+    own = register(*[Cloud(points_m, viewpoint_m=np.zeros(3)) for points_m in scans_m])
+    told = register(*told_and_placed(kind, tmp_path, scans_m, poses))
+    assert (told.status, round(told.confidence, 3)) == (own.status, round(own.confidence, 3))
+    T_own = np.linalg.inv(poses[1]) @ told.T_target_source @ poses[0]
+    expected_m = transform_points(own.T_target_source, scans_m[0])
+    np.testing.assert_allclose(transform_points(T_own, scans_m[0]), expected_m, atol=1e-4)
+
+
 def test_an_e57_of_two_scans_is_registered_and_merged_with_its_poses(tmp_path, pair):
     pytest.importorskip("pye57")
     T_site = make_transform(np.eye(3), [40.0, 20.0, 3.0])
@@ -93,6 +132,17 @@ def test_an_e57_of_two_scans_is_registered_and_merged_with_its_poses(tmp_path, p
         np.testing.assert_array_equal(scan.colour, before.colour)
         np.testing.assert_allclose(scan.viewpoint_m, before.moved(T).viewpoint_m, atol=1e-6)
     assert "In 3-D" in page_of(tmp_path / "out")
+
+
+def test_a_source_in_another_unit_than_the_target(tmp_path, pair):
+    write_cloud(tmp_path / "a.xyz", 1000 * np.asarray(pair.source_m[::3]))
+    write_cloud(tmp_path / "b.xyz", pair.target_m[::3])
+    refused, told = [
+        files.register_pair_files(tmp_path / "a.xyz", tmp_path / "b.xyz", tmp_path / "out", choices)
+        for choices in (files.Choices(), files.Choices(source_unit="mm"))
+    ]
+    assert refused.status == "failed" and "source_unit" in refused.reason
+    assert told.status == "registered"
 
 
 def test_coordinates_that_are_hardly_metres_are_noticed(tmp_path):

@@ -13,9 +13,9 @@ from skipnet.geometry import transform_points
 from skipnet.registration.prior import Prior
 from skipnet.results import files, saving
 from skipnet.results.closing import closing_rows
-from skipnet.results.lengths import Lengths
 from skipnet.results.priors import read_pose
 from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.viz.lengths import Lengths
 
 FEET_M = 0.3048
 
@@ -51,7 +51,9 @@ def test_a_result_draws_itself_in_a_notebook_and_in_a_browser(result, monkeypatc
 
 def test_a_result_of_a_pair_among_many_says_that_it_holds_no_scans(pair):
     many = skipnet.register_many([pair.source_m, pair.target_m])
-    assert str(many).startswith(f"{many.outcome}: ") and "iframe" in many._repr_html_()
+    assert str(many).startswith(f"{many.outcome}: ") and repr(many) == f"<Assembly {many}>"
+    assert "curvature" in many._repr_html_() and "residual" in many._repr_html_()
+    assert "iframe" in many._repr_html_()
     with pytest.raises(ValueError, match="of a pair among many"):
         many.pairs[0, 1].save("nowhere")
 

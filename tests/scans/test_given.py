@@ -10,6 +10,7 @@ from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.writing import write_scans
 from skipnet.geometry import invert, make_transform
 from skipnet.scans.given import taken
+from skipnet.scans.scan import AutoAt
 from skipnet.simulation.scanning.pairs import simulate_pair
 
 
@@ -33,11 +34,20 @@ def test_arrays_tensors_clouds_and_files_are_taken(tmp_path, points):
     skipnet.write_cloud(tmp_path / "a.ply", points)
     wider = np.column_stack([points, np.ones((60, 2))])
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    for scan in (points, points.tolist(), wider, torch.tensor(points), cloud, las, Cloud(points),
-                 tmp_path / "a.ply", str(tmp_path / "a.ply")):  # fmt: skip
+    tensors = o3d.t.geometry.PointCloud(o3d.core.Tensor(points))
+    for scan in (points, points.tolist(), wider, torch.tensor(points), cloud, tensors, las,
+                 Cloud(points), tmp_path / "a.ply", str(tmp_path / "a.ply")):  # fmt: skip
         places, viewpoint = points_and_viewpoint(scan)
         np.testing.assert_allclose(places, points, atol=1e-6)
         assert isinstance(viewpoint, str) and viewpoint == "auto"
+
+
+def test_the_offset_of_a_laspy_cloud_is_tried_as_the_sensor_s_place(points):
+    laspy = pytest.importorskip("laspy")
+    las = laspy.create(point_format=0, file_version="1.2")
+    las.header.offsets = [5e5, 5.4e6, 100]
+    las.x, las.y, las.z = (points + las.header.offsets).T
+    assert points_and_viewpoint(las)[1] == AutoAt((5e5, 5.4e6, 100.0))
 
 
 def test_points_by_column_are_refused(points):

@@ -50,6 +50,8 @@ def test_the_command_writes_a_picture_and_a_line_for_each(tmp_path, capsys):
     pair = run_folder(tmp_path, 1.0)
     summary = run(MissesConfig(run=str(tmp_path), output_dir=str(tmp_path / "misses")))
     assert [path.stem for path in (tmp_path / "misses" / "figures").iterdir()] == [pair.name]
+    page = (tmp_path / "misses" / "report.html").read_text()
+    assert page.count('class="viewer"') == 1 and "residual" in page and "truth" in page
     assert capsys.readouterr().out.count(pair.name) == 1
     assert [miss["why"] for miss in summary["misses"]] == ["not proposed"]
 

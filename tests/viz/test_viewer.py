@@ -13,6 +13,7 @@ import pytest
 
 from skipnet.geometry import make_transform, transform_points
 from skipnet.viz import html
+from skipnet.viz.lengths import Lengths
 from skipnet.viz.viewer import MOST_POINTS, ViewedPose, ViewedScan, viewer
 
 UTM_M = np.array([500_000.0, 5_400_000.0, 100.0])
@@ -50,6 +51,15 @@ def places_m(data, pose, number):
     local_m = np.array(scan["low"]) + steps / 65535 * np.array(scan["span"])
     model = np.array(data["poses"][pose]["matrices"][number]).reshape(4, 4).T
     return transform_points(model, local_m) + data["centre"]
+
+
+def test_a_scan_without_a_place_is_not_in_the_pose_and_lengths_are_the_readers(scans, poses):
+    lone = ViewedPose("alone", "one of two", (np.eye(4), None))
+    view = viewer(scans, [lone, *poses], brightest_m=0.0254, lengths=Lengths("ft"))
+    data = content(view)
+    assert data["poses"][0]["matrices"][1] is None and len(data["poses"][1]["matrices"][1]) == 16
+    assert data["unit"] == {"name": "ft", "metres": 0.3048} and "yellow 1 in and more" in view
+    assert abs(data["centre"][0]) < 10  # of what the first pose shows
 
 
 def test_the_browser_puts_every_point_where_its_pose_does(scans, poses):

@@ -114,7 +114,8 @@ def _cloud_of_archive(arrays: dict[str, np.ndarray], path: Path) -> Cloud:
     columns = {name: array for name, array in arrays.items() if array.ndim == 1}
     if find_axes(list(columns)) and len({len(array) for array in columns.values()}) == 1:
         _check_kinds(columns, path)
-        return cloud_of_columns(columns, path)
+        beside = {name.lower(): array for name, array in arrays.items() if array.ndim > 1}
+        return _with_what_is_beside(cloud_of_columns(columns, path), beside)
     if len(arrays) == 1:
         return _cloud_of_array(next(iter(arrays.values())), path, {})
     raise ValueError(

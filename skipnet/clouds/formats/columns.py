@@ -28,7 +28,7 @@ _COLOURS = (
     ("g", "green", "gf", "diffuse_green"),
     ("b", "blue", "bf", "diffuse_blue"),
 )
-_NORMALS = (("nx", "normal_x"), ("ny", "normal_y"), ("nz", "normal_z"))
+_NORMALS = tuple((f"n{axis}", f"normal_{axis}", f"normal{axis}") for axis in "xyz")
 _INTENSITY = (("intensity", "i", "reflectance", "reflectivity", "scalar_intensity", "remission"),)
 _UNIT_WORDS = {
     **{unit: unit for unit in METRES_PER_UNIT},

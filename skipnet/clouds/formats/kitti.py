@@ -9,13 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.columns import cloud_of_columns
 
 RECORDS_AT_ONCE = 1 << 18
 """Records read in one go."""
 _FARTHEST_M = 1000.0
 """Of what a rotating scanner reaches: other contents seldom are numbers below it."""
+_LEAST = 1e-30
+"""Whole numbers, read as floats, lie below it; what was measured is zero or above."""
+_NEAREST_M = 1e-3
+"""A scan is larger."""
 _BRIGHTEST = 65535
 _LOOKED_AT = 1 << 14
+_CLEARLY = 0.1
+"""So much smaller (nats) must the spread of the columns be for another layout than KITTI's ..."""
+_FEW = 200
+"""... and more by chance where there are hardly more records than so many."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +45,22 @@ class _Records:
     def fits(self, body: bytes) -> bool:
         """Whether the numbers can be such records."""
         table = self.read(body)
-        beside = table[np.isfinite(table[:, :3]).all(axis=1), 3:]
-        usable = ((beside >= 0) & (beside <= _BRIGHTEST)).all()
+        met = table[np.isfinite(table[:, :3]).all(axis=1)]
+        usable = bool((met[:, 3:4] >= 0).all() and (met[:, 3:4] <= _BRIGHTEST).all())
         if "ring" in self.names:
-            usable &= (beside[:, 1] == np.rint(beside[:, 1])).all()
-        return bool(_are_near(table[:, :3]) and usable)
+            usable &= bool(((met[:, 4] >= 0) & (met[:, 4] == np.rint(met[:, 4]))).all())
+        if "red" in self.names:
+            usable &= _are_colours(met[:, 3:6])
+        return usable and _are_near(table[:, :3])
+
+    def spread(self, body: bytes) -> float:
+        """How widely the numbers of a column scatter: the mean of its logarithm.
+
+        Under a wrong number of columns each of them is a mixture of several, and scatters more.
+        """
+        table = self.read(body).astype(np.float64)
+        widths = table[np.isfinite(table).all(axis=1)].std(axis=0)
+        return float(np.log(np.maximum(widths, _NEAREST_M)).mean()) if len(widths) else np.inf
 
 
 _KITTI = _Records("<f4", ("x", "y", "z", "reflectance"))
@@ -49,13 +69,28 @@ _OTHERS = (
     _Records("<f4", ("x", "y", "z")),
     _Records("<f8", ("x", "y", "z", "reflectance")),
     _Records("<f8", ("x", "y", "z")),
+    _Records("<f4", ("x", "y", "z", "red", "green", "blue")),
+    _Records("<f4", ("x", "y", "z", "reflectance", "column 5")),
+    _Records("<f4", ("x", "y", "z", "reflectance", "column 5", "column 6")),
 )
 
 
 def _are_near(places_m: np.ndarray) -> bool:
     """Coordinates within a scanner's reach; rows of NaN stand for beams that met nothing."""
-    met = places_m[np.isfinite(places_m).all(axis=1)]
-    return bool(2 * len(met) > len(places_m) and (np.abs(met) < _FARTHEST_M).all())
+    met = np.abs(places_m[np.isfinite(places_m).all(axis=1)])
+    is_measured = not len(met) or bool((met >= _LEAST).any() and not _are_tiny(met).any())
+    return bool(2 * len(met) > len(places_m) and (met < _FARTHEST_M).all()) and is_measured
+
+
+def _are_tiny(sizes: np.ndarray) -> np.ndarray:
+    return (sizes > 0) & (sizes < _LEAST)
+
+
+def _are_colours(table: np.ndarray) -> bool:
+    """Shares of one, or whole numbers of a byte."""
+    if not ((table >= 0) & (table <= 255)).all():
+        return False
+    return bool((table <= 1).all() or (table == np.rint(table)).all())
 
 
 def read_kitti(path: Path) -> Iterator[Cloud]:
@@ -77,17 +112,13 @@ def read_kitti(path: Path) -> Iterator[Cloud]:
 
 def _cloud(table: np.ndarray, records: _Records, path: Path) -> Cloud:
     note = f"columns taken as {', '.join(records.names)} ({np.dtype(records.kind).name})"
-    return Cloud(
-        table[:, :3].astype(np.float64),
-        intensity=table[:, 3] if "reflectance" in records.names else None,
-        columns={"ring": table[:, 4]} if "ring" in records.names else {},
-        name=str(path),
-        notes=() if records is _KITTI else (note,),
-    )
+    columns = dict(zip(records.names, table.T, strict=True))
+    columns |= {axis: columns[axis].astype(np.float64) for axis in "xyz"}
+    return cloud_of_columns(columns, path, notes=() if records is _KITTI else (note,))
 
 
 def _find_records(start: bytes, size: int, path: Path) -> _Records:
-    """KITTI's records if the numbers can be such, else the first others that they can be."""
+    """The first of the layouts that the numbers can be whose columns scatter least."""
     whole = [one for one in (_KITTI, *_OTHERS) if size % one.size == 0]
     if not whole:
         raise ValueError(
@@ -95,9 +126,17 @@ def _find_records(start: bytes, size: int, path: Path) -> _Records:
             "records of four float32"
         )
     # 240 is a multiple of every record's length: no record is cut.
-    for one in whole:
-        if one.fits(start):
-            return one
+    fitting = [one for one in whole if one.fits(start)]
+    # Pairs of float32 look like doubles, random halves of doubles hardly like float32.
+    fitting = [one for one in fitting if one.kind == "<f4"] or fitting
+    if fitting:
+        spreads = [one.spread(start) for one in fitting]
+        margin = _CLEARLY * (1 + _FEW * _KITTI.size / len(start))
+        return next(
+            one
+            for one, spread in zip(fitting, spreads, strict=True)
+            if spread <= min(spreads) + margin
+        )
     if _KITTI not in whole or not _are_near(_KITTI.read(start)[:, :3]):
         raise _refusal(path)
     return _KITTI

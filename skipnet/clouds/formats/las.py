@@ -175,8 +175,10 @@ def _fill(las: laspy.LasData, cloud: Cloud) -> None:
 
 
 def _as_16_bits(intensity: np.ndarray) -> np.ndarray:
-    """Intensities as LAS has them: whole numbers up to 65535; those from 0 to 1 are scaled."""
+    """Intensities as LAS has them: whole numbers up to 65535; those from 0 to 1 are scaled, and
+    where some are negative, as those of PTS are, all are counted from the smallest."""
     values = np.nan_to_num(np.asarray(intensity, np.float64))
+    values = values - min(values.min(initial=0), 0)
     if values.max(initial=0) <= 1:
         values = values * 65535
     return np.clip(np.rint(values), 0, 65535).astype(np.uint16)

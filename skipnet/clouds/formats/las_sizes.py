@@ -82,7 +82,11 @@ def _check_chunks(file: BinaryIO, head: _Head, path: Path) -> None:
     if table_at == -1:  # written to a stream: the place stands at the file's end
         file.seek(max(0, head.size - 8))
         (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-    _require(head.points_at + 8 <= table_at <= head.size - 8, "table of chunks", path)
+    if not head.points_at + 8 <= table_at <= head.size - 8:
+        raise ValueError(
+            f"{path}: truncated or damaged, or of a LASzip before 2.0: it has no table of chunks; "
+            "save it again with a newer program"
+        )
     file.seek(table_at + 4)
     (chunks,) = struct.unpack("<I", file.read(4))
     # Every chunk begins with one record that is not compressed.

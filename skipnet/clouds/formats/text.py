@@ -116,5 +116,6 @@ def _cloud(
         raise ValueError(f"{path}: two columns of one name: {' '.join(names)[:80]}")
     left_out = layout.width - len(layout.numeric)
     if left_out:
-        notes = (*notes, f"{left_out} columns of words left out")
+        several = "a column" if left_out == 1 else f"{left_out} columns"
+        notes = (*notes, f"{several} of words left out")
     return cloud_of_columns(columns, path, unit, notes=notes)

@@ -15,7 +15,7 @@ _LONGEST_HEAD = 100
 """Lines, beside comments."""
 _GENERIC = re.compile(r"(col(umn)?|field|var|v|c|f)?[ _.]?\d+|", re.IGNORECASE)
 """What programs call columns that have no names."""
-_DEGREES = ("lon", "lat", "longitude", "latitude")
+_DEGREES = re.compile(r"(lon|lat)(gitude|itude)?\b|(longitude|latitude)_", re.IGNORECASE)
 
 
 class Lines:
@@ -89,7 +89,7 @@ def _no_points(above: Sequence[str], path: Path) -> ValueError:
 def _begins_points(coming: Sequence[str]) -> bool:
     """Whether the first of some lines is a point: three numbers, and laid out like its next."""
     rows = [pieces(line) for line in coming]
-    if sum(map(is_number, rows[0])) < 3:
+    if sum(is_number(word) or word.lower() == "nan" for word in rows[0]) < 3:
         return False
     widths = [len(row) for row in rows]
     return len(rows) < 3 or widths[1] == widths[0] or widths[2] != widths[1]
@@ -106,7 +106,10 @@ def _find_names(head: Head, above: Sequence[str], width: int, path: Path) -> Non
     else:
         _refuse_other_names(above, width, path)
         comments = [header_words(remark) for remark in head.remarks]
-        fitting = [names for names in comments if find_axes(names) and len(names) == width]
+        complete = [names for names in comments if len(names) == width]
+        fitting = [names for names in complete if find_axes(names)]
+        if not fitting and (foreign := [names for names in complete if _name_degrees(names)]):
+            raise _other_names(foreign[0], path)
         head.names, left = (fitting[-1] if fitting else None), list(above)
     if left:
         words = " ".join(left[0].split())[:40]
@@ -127,15 +130,20 @@ def _refuse_other_names(above: Sequence[str], width: int, path: Path) -> None:
         raise ValueError(f"{path}: is a grid of heights, not lines of x y z")
     if len(words) != width or any(map(is_number, words)) or all(map(_GENERIC.fullmatch, words)):
         return
-    hint = "; project degrees to metres first" if set(_DEGREES) & set(_lower(words)) else ""
-    raise ValueError(
+    raise _other_names(words, path)
+
+
+def _other_names(words: Sequence[str], path: Path) -> ValueError:
+    hint = "; project degrees to metres first" if _name_degrees(words) else ""
+    return ValueError(
         f"{path}: not a point file: a line holds neither numbers nor x, y, z: "
         f"{' '.join(words)[:60]!r}{hint}"
     )
 
 
-def _lower(words: Sequence[str]) -> list[str]:
-    return [word.lower() for word in words]
+def _name_degrees(words: Sequence[str]) -> bool:
+    """Whether some columns are called longitude and latitude, whatever of."""
+    return any(_DEGREES.match(word) for word in words)
 
 
 def header_words(line: str) -> list[str]:

@@ -12,6 +12,8 @@ _RGB = ["red", "green", "blue"]
 _NORMAL = ["nx", "ny", "nz"]
 _ENOUGH_ROWS = 10
 """Of fewer rows nothing can be said."""
+_WIDER = 2.5
+"""No two shares of one, of either sign, lie farther apart."""
 _FAR = 1000.0
 """Whole numbers beyond are rather a grid of map coordinates than rows and columns."""
 
@@ -89,8 +91,17 @@ def _are_normals(three: FloatArray) -> bool:
     return bool(len(three) and (np.abs(lengths - 1) < 0.02).mean() > 0.9)
 
 
+def _is_intensity_before_places(table: FloatArray) -> bool:
+    """Whether the first column is a share of one, and the fourth a coordinate: with fractions, on
+    both sides of zero, and far beyond a share."""
+    first, fourth = table[:, 0], table[:, 3]
+    fractions = bool((fourth != np.rint(fourth)).any() and fourth.min() < 0 < fourth.max())
+    inside = bool((first >= 0).all() and (first <= 1).all() and np.ptp(first) > 0)
+    return inside and fractions and bool(np.ptp(fourth) > _WIDER * np.ptp(first))
+
+
 def _check_places(table: FloatArray, path: Path) -> None:
-    """Refuse a first column that counts the lines or the time, and whole numbers beside fractions.
+    """Refuse a column that counts the lines or the time, and whole numbers beside fractions.
 
     Of three columns all must be coordinates: whole ones are a grid.
     """
@@ -104,14 +115,23 @@ def _check_places(table: FloatArray, path: Path) -> None:
         axis + 1 for axis in range(3) if whole[axis] and moving[axis] and near[axis]
     ] if not all(whole) else []  # fmt: skip
     steps = np.diff(places[:, 0])
-    counts = bool((steps == 1).all())
+    counting = [
+        axis + 1
+        for axis in range(3)
+        if (whole[axis] or axis == 0) and (np.diff(places[:, axis]) == 1).all()
+    ]
+    counts = bool(counting)
     tells_time = bool((steps > 0).all() and np.ptp(steps) < 0.01 * steps.mean())
-    if not (odd or counts or tells_time):
+    shines = not odd and _is_intensity_before_places(table)
+    if not (odd or counts or tells_time or shines):
         return
     what = "counts the lines" if counts else "grows evenly from line to line, as a time does"
     if not (counts or tells_time):
         what = "holds whole numbers alone, unlike the others"
+    if shines and not (counts or tells_time):
+        what = "lies between 0 and 1, as an intensity does, and column 4 does not"
+    column = (counting or ([1] if tells_time or shines else odd))[0]
     raise ValueError(
-        f"{path}: column {1 if counts or tells_time else odd[0]} {what}: it is hardly a "
+        f"{path}: column {column} {what}: it is hardly a "
         "coordinate; name the columns in a first line, such as: row x y z"
     )

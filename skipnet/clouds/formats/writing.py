@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from skipnet.checks import METRES_PER_UNIT
 from skipnet.clouds.cloud import Cloud, as_cloud, concatenate
 from skipnet.clouds.formats.arrays import write_npy, write_npz
 from skipnet.clouds.formats.columns import columns_of_cloud
@@ -74,7 +75,7 @@ def _whole(write: Callable[[Path, Cloud], None]) -> Callable[[Path, Iterable[Clo
 
 
 def _write_text(path: Path, clouds: Iterable[Cloud], delimiter: str) -> None:
-    """A header with the names of the columns, then a point per line, to 10 micrometres."""
+    """A header with the names of the columns, then a point per line, to 10 micrometres or finer."""
     with replacing(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
         for number, cloud in enumerate(clouds):
             table = columns_of_cloud(cloud)
@@ -84,8 +85,14 @@ def _write_text(path: Path, clouds: Iterable[Cloud], delimiter: str) -> None:
                     names[:3] = [f"{axis}_{cloud.unit}" for axis in "xyz"]
                 start = "" if delimiter == "," else "//"
                 file.write(start + delimiter.join(names) + "\n")
-            formats = ["%.5f" if name in table and name in "xyz" else "%.9g" for name in table]
+            place = "%.8f" if METRES_PER_UNIT[cloud.unit] > 1 else "%.5f"
+            formats = [place, place, place, *map(_number, list(table.values())[3:])]
             np.savetxt(file, np.column_stack(list(table.values())), formats, delimiter)
+
+
+def _number(values: np.ndarray) -> str:
+    """How a column is written: so that times of GPS keep their microseconds."""
+    return "%.9g" if values.dtype == np.float32 else "%.15g"
 
 
 _WRITERS: dict[str, Callable[[Path, Iterable[Cloud]], None]] = {

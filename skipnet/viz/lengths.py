@@ -9,6 +9,8 @@ import numpy as np
 from skipnet.checks import METRES_PER_UNIT
 from skipnet.types import FloatArray
 
+_LEAST = 1e-4
+"""Nothing that is measured is smaller."""
 _SMALL = {"ft": "in", "us_ft": "in", "in": "in"}
 
 
@@ -29,8 +31,21 @@ class Lengths:
 
         >>> Lengths().small(0.0123), Lengths("ft").small(0.0127)
         ('12.3 mm', '0.5 in')
+        >>> Lengths().small(4e-17)
+        'below 0.0001 mm'
         """
-        return f"{self.in_small(length_m):.3g} {self.small_unit}"
+        length = self.in_small(length_m)
+        if 0 <= length < _LEAST:
+            return f"below {_LEAST:g} {self.small_unit}"
+        return f"{length:.3g} {self.small_unit}"
+
+    def large(self, length_m: float) -> str:
+        """A large length in words.
+
+        >>> Lengths().large(1234.5), Lengths("mm").large(1.5)
+        ('1,234 m', '1,500 mm')
+        """
+        return f"{length_m / METRES_PER_UNIT[self.unit]:,.0f} {self.unit}"
 
     def in_small(self, length_m: float) -> float:
         """A length in ``small_unit``."""
