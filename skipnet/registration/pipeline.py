@@ -70,14 +70,13 @@ def register(
         if voxel_size_m is not None:
             check_voxel_size(voxel_size_m)
     with clock("denoise"):
-        source_m, target_m = clean(source_m, config), clean(target_m, config)
+        both_m = clean(source_m, config), clean(target_m, config)
     with clock("skip-map"):
         network = find_network(config.network, config.device)
-        both_m, both_at = (source_m, target_m), (source_at, target_at)
-        scans = describe(both_m, both_at, voxel_size_m, seed, network)
+        scans = describe(both_m, (source_at, target_at), voxel_size_m, seed, network)
     result = register_scans(scans[0], scans[1], config, clock, prior)
     if result.status is not Status.REGISTERED:
-        result = _naming_units(result, points_of(source_m), points_of(target_m), config, seed)
+        result = _naming_units(result, points_of(both_m[0]), points_of(both_m[1]), config, seed)
     return replace(result, given=Asked(source, target, seed, (scans[0], scans[1])))
 
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skipnet.benchmark.options import EvaluateConfig
-from skipnet.benchmark.reporting.figures import pair_view
 from skipnet.benchmark.reporting.pages import ReportFigure
+from skipnet.benchmark.reporting.pair_views import pair_view
 from skipnet.benchmark.running.runner import PREDICTIONS_FILE
 from skipnet.benchmark.running.setup import make_pair_set, protocol_of
 from skipnet.benchmark.scoring.predictions import Prediction, read_predictions

@@ -49,14 +49,7 @@ def viewer(
     lengths = lengths or Lengths()
     rows = [some_rows(scan.points_m, most // len(scans)) for scan in scans]
     thinned_m = [scan.points_m[kept] for scan, kept in zip(scans, rows, strict=True)]
-    T_start = poses[start].T_common_scan
-    placed_m = np.concatenate(
-        [
-            transform_points(T, points_m)
-            for T, points_m in zip(T_start, thinned_m, strict=True)
-            if T is not None
-        ]
-    )
+    placed_m = _placed(poses[start], thinned_m)
     low_m, high_m = np.quantile(placed_m, [0.01, 0.99], axis=0)
     centre_m = np.round(0.5 * (low_m + high_m))
     extent_m = max(float(np.linalg.norm(high_m - low_m)), 1e-6)
@@ -79,6 +72,12 @@ def viewer(
         "cut": _cut(placed_m[:, 2], low_m[2], high_m[2]),
     }
     return _page(scans, poses, start, lengths.small(brightest_m), content)
+
+
+def _placed(pose: ViewedPose, clouds_m: Sequence[FloatArray]) -> FloatArray:
+    """(N, 3) points of the scans that a pose has a place for, in the common frame."""
+    pairs = zip(pose.T_common_scan, clouds_m, strict=True)
+    return np.concatenate([transform_points(T, points_m) for T, points_m in pairs if T is not None])
 
 
 def _page(

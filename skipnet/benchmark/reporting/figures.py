@@ -19,6 +19,7 @@ from skipnet.benchmark.reporting.curves import (
     new_figure,
 )
 from skipnet.benchmark.reporting.pages import Dots, ReportFigure
+from skipnet.benchmark.reporting.pair_views import VIEWED_POINTS, pair_view
 from skipnet.benchmark.scoring.predictions import Prediction
 from skipnet.benchmark.scoring.scoring import ScoreRow
 from skipnet.benchmark.scoring.summary import row_label
@@ -26,10 +27,7 @@ from skipnet.geometry import transform_points
 from skipnet.types import FloatArray, IntArray, Pair
 from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR
 from skipnet.viz.pictures import draw_before_after
-from skipnet.viz.residuals import distances_m
-from skipnet.viz.viewed import ViewedPose, ViewedScan
-from skipnet.viz.viewer import viewer
-from skipnet.viz.views import robust_bounds_m, thin
+from skipnet.viz.views import thin
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,10 +36,6 @@ STAGE_COLOURS = {"map": "#56B4E9", "transform": "#E69F00", "fine": "#0072B2"}
 STAGE_NAMES = {"map": "voxels and map", "transform": "coarse transform", "fine": "fine match"}
 FARTHEST_MM = 1e5
 """A diverged pose, kilometres away, does not set the scale."""
-_BRIGHTEST_SHARE = 0.005
-"""Of the target's extent: the residual shown in yellow."""
-_VIEWED_POINTS = 40_000
-"""Of a pair in 3-D; a report has several."""
 MOST_WITH_COARSE = 4
 """With more methods, curves show their final poses only."""
 
@@ -116,35 +110,10 @@ def draw_extremes(
     return figures
 
 
-def pair_view(pair: Pair, T_target_source: FloatArray) -> str:
-    """A pair in 3-D: as the method has it, with its residuals, in truth, and before."""
-    stays = np.eye(4)
-    shown_m = [thin(scan_m, _VIEWED_POINTS // 2) for scan_m in (pair.source_m, pair.target_m)]
-    moved_m = transform_points(T_target_source, shown_m[0])
-    away_m = (
-        distances_m(moved_m, pair.target_m),
-        distances_m(shown_m[1], transform_points(T_target_source, pair.source_m)),
-    )
-    scans = [
-        ViewedScan(name, scan_m, tint, residuals_m=residuals_m)
-        for name, scan_m, tint, residuals_m in zip(
-            ("source", "target"), shown_m, (SOURCE_COLOUR, TARGET_COLOUR), away_m, strict=True
-        )
-    ]
-    low_m, high_m = robust_bounds_m(shown_m[1])
-    brightest_m = _BRIGHTEST_SHARE * float((high_m - low_m).max())
-    poses = [
-        ViewedPose("answer", "What the method answered.", (T_target_source, stays)),
-        ViewedPose("truth", "Where the source is in truth.", (pair.T_target_source, stays)),
-        ViewedPose("as they came", "Both scans as they came.", (stays, stays)),
-    ]
-    return viewer(scans, poses, brightest_m=brightest_m, most=_VIEWED_POINTS)
-
-
 def _dots(pair: Pair, T_target_source: FloatArray) -> Dots:
     """Both scans as the method has them, in their colours."""
-    moved_m = transform_points(T_target_source, thin(pair.source_m, _VIEWED_POINTS // 4))
-    fixed_m = thin(pair.target_m, _VIEWED_POINTS // 4)
+    moved_m = transform_points(T_target_source, thin(pair.source_m, VIEWED_POINTS // 4))
+    fixed_m = thin(pair.target_m, VIEWED_POINTS // 4)
     colours = [np.tile(_rgb(SOURCE_COLOUR), (len(moved_m), 1))]
     colours.append(np.tile(_rgb(TARGET_COLOUR), (len(fixed_m), 1)))
     return Dots(np.concatenate([moved_m, fixed_m]), np.concatenate(colours))
