@@ -113,10 +113,10 @@ def test_the_range_image_gives_the_nearest_range_seen_and_0_where_nothing_was():
 
 @pytest.mark.parametrize("opening_rad", [0.25, 0.5])
 def test_a_camera_with_as_many_points_in_a_narrow_view_sees_past_smaller_things(opening_rad):
-    # A wall 4 m away, but for a square of 2 degrees through which the camera saw far.
+    # A wall 4 m away, but for a square of 7 degrees through which the camera saw far.
     rng = np.random.default_rng(0)
     across = np.tan(rng.uniform(-opening_rad, opening_rad, size=(40_000, 2)))
-    hole = (np.abs(across) < np.tan(np.deg2rad(1.0))).all(axis=1)
+    hole = (np.abs(across) < np.tan(np.deg2rad(3.5))).all(axis=1)
     depth_m = np.where(hole, 9.0, 4.0)
     points_m = np.column_stack([across, np.ones(len(across))]) * depth_m[:, None]
     image = build_range_image(points_m, np.zeros(3))

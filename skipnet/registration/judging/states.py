@@ -12,6 +12,8 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 
 MAX_ACROSS_COSINE = 0.7
 """Surfaces whose normals are farther apart cross each other."""
+MAX_SIDES = 0.5
+"""Surfaces that are so surely the two sides of something may lie beside each other: a thin wall."""
 
 
 def facing(T_b_a: FloatArray, points_m: FloatArray, normals: FloatArray) -> FloatArray:
@@ -101,6 +103,7 @@ def _match(
                     match[c, s] = 1 - apart
                 if clear_a[s] and clear_b[there]:
                     parallel = along and max_distance_m < distance_m < max_beside_m
+                    parallel = parallel and apart < MAX_SIDES
                     across = abs(cosine) < MAX_ACROSS_COSINE and distance_m < max_distance_m
                     beside[c, s] = parallel or across
     return match, beside
