@@ -128,7 +128,8 @@ def _wondering(cloud: Cloud, unit: str) -> Cloud:
 
 
 def find_scans(names: Sequence[str]) -> list[Path]:
-    """The files that are meant: files, patterns such as ``scans/*.ply``, and what folders hold.
+    """The files that are meant, each once: files, patterns such as ``scans/*.ply``, what folders
+    hold.
 
     Raises:
         FileNotFoundError: nothing is there.
@@ -154,7 +155,7 @@ def find_scans(names: Sequence[str]) -> list[Path]:
         if not here:
             raise FileNotFoundError(f"{name}: no such file, or a folder without scans")
         found += here
-    return found
+    return list(dict.fromkeys(found))
 
 
 def _is_hidden(file: Path) -> bool:

@@ -193,3 +193,30 @@ def test_a_cloud_and_its_skip_map_print_as_sentences():
     assert repr(cloud) == f"<Cloud {cloud}>"
     plane = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0), [0.0]), axis=-1).reshape(-1, 3)
     assert str(skipnet.build_skipmap(plane, 2.0)).endswith("effective voxels of 2 m")
+
+
+@pytest.mark.parametrize("extension", ["ply", "las", "laz"])
+def test_the_sensors_place_and_the_coordinate_system_come_back(tmp_path, extension):
+    points_m = np.random.default_rng(3).normal(size=(400, 3)) + [4e5, 5e6, 20.0]
+    place_m = points_m.mean(axis=0) + 0.123456789
+    written = Cloud(points_m, viewpoint_m=place_m, crs='PROJCS["here",\n UNIT["metre",1]]')
+    path = tmp_path / f"a.{extension}"
+    skipnet.write_cloud(path, written)
+    found = skipnet.read_cloud(path)
+    np.testing.assert_array_equal(found.viewpoint_m, place_m)
+    assert found.crs.split() == written.crs.split()
+    assert found.unit == "m"
+    skipnet.write_cloud(path, Cloud(points_m))
+    again = skipnet.read_cloud(path)
+    assert again.viewpoint_m is None and again.crs == ""
+
+
+@pytest.mark.parametrize("place", ["1 2", "a b c", "nan 0 0", "", "1 2 3 4"])
+def test_a_place_in_a_ply_file_that_makes_no_sense_is_a_remark(tmp_path, place):
+    path = tmp_path / "a.ply"
+    head = f"ply\nformat ascii 1.0\ncomment skipnet viewpoint_m {place}\nelement vertex 2\n"
+    columns = "".join(f"property float {axis}\n" for axis in "xyz")
+    path.write_text(f"{head}{columns}end_header\n1 2 3\n4 5 6\n")
+    cloud = skipnet.read_cloud(path)
+    assert cloud.viewpoint_m is None
+    np.testing.assert_array_equal(cloud.points_m, [[1, 2, 3], [4, 5, 6]])

@@ -161,5 +161,6 @@ def test_scans_are_found_by_file_pattern_and_folder(tmp_path, monkeypatch):
     assert [path.name for path in find_scans(["scans"])] == names
     assert [path.name for path in find_scans(["scans/*.las", "scans/[1].ply"])] == names[::-2]
     assert [path.name for path in find_scans([str(tmp_path / "scans" / "*.ply")])] == names[:2]
+    assert find_scans(["scans/*.ply", "scans/*.ply"]) == find_scans(["scans/*.ply"])  # each once
     with pytest.raises(FileNotFoundError, match="scans/c"):
         find_scans(["scans/c*"])

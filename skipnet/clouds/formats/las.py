@@ -6,6 +6,7 @@ Format: ASPRS, LAS specification 1.4.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,9 @@ _FEW_DEGREES = 0.5
 """A site is smaller; a scan in metres that is labelled wrongly, as many are, is larger."""
 _SCALE_M = 1e-4
 """Of what is written: a tenth of a millimetre reaches 200 km about the offset."""
+
+_PLACE_RECORD = "skipnet", 1
+"""User and number of the variable-length record with the sensor's place."""
 
 
 def read_las(path: Path) -> Iterator[Cloud]:
@@ -86,7 +90,19 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Pat
         else:
             table |= {f"{name} {k}": column for k, column in enumerate(values.T)}
     offset_m = np.array(header.offsets) * METRES_PER_UNIT[unit]
-    return cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
+    cloud = cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
+    return replace(cloud, viewpoint_m=_place_m(header))
+
+
+def _place_m(header: laspy.LasHeader) -> np.ndarray | None:
+    """(3,) the sensor's place, in metres, as our own files keep it; the format has no word for
+    it."""
+    for record in header.vlrs:
+        if (record.user_id, record.record_id) == _PLACE_RECORD:
+            data = record.record_data_bytes()
+            if len(data) == 24 and np.isfinite(np.frombuffer(data, "<f8")).all():
+                return np.frombuffer(data, "<f8").copy()
+    return None
 
 
 def _crs(header: laspy.LasHeader) -> str:
@@ -134,6 +150,9 @@ def write_las(path: Path, clouds: Iterable[Cloud]) -> None:
     if cloud.crs:
         header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(cloud.crs))
         header.global_encoding.wkt = True
+    if cloud.viewpoint_m is not None:
+        data = np.asarray(cloud.viewpoint_m, "<f8").tobytes()
+        header.vlrs.append(laspy.VLR(*_PLACE_RECORD, "sensor's place, metres", data))
     las = laspy.LasData(header)
     las.x, las.y, las.z = points.T
     _fill(las, cloud)

@@ -9,52 +9,24 @@ Format: G. Turk, "The PLY polygon file format", 1994.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
-from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud, unit_in
+from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud
 from skipnet.clouds.formats.lists import read_ascii, read_binary
+from skipnet.clouds.formats.ply_header import Element, read_header, remarks_on
 from skipnet.clouds.formats.sampling import is_coarse, sample_triangles
 from skipnet.storage import replacing
 from skipnet.types import IntArray
 
-_TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8", "bool"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("int64", "longlong"), "i8"),
-    **dict.fromkeys(("uint64", "ulonglong"), "u8"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
 _NAMES = {"f4": "float", "f8": "double", "u1": "uchar", "i1": "char", "u2": "ushort"}
 _NAMES |= {"i2": "short", "u4": "uint", "i4": "int"}
-_BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-_LONGEST_HEADER_LINES = 1000
-_LONGEST_LINE = 1 << 16
 _FACES = ("vertex_indices", "vertex_index")
-_VERTICES = ("vertex", "vertices", "point", "points")
 RECORDS_AT_ONCE = 1 << 18
 """Records read or written in one go."""
-
-
-@dataclass
-class Element:
-    """One element of the header, such as ``vertex``: how many records, and of which columns."""
-
-    name: str
-    count: int
-    columns: list[tuple[str, str]] = field(default_factory=list)
-    """Name and NumPy kind of each column; of a list, the kind of its entries."""
-    lists: dict[str, str] = field(default_factory=dict)
-    """Of the columns that are lists: the kind of the number of entries."""
 
 
 def read_ply(path: Path) -> Iterator[Cloud]:
@@ -64,7 +36,8 @@ def read_ply(path: Path) -> Iterator[Cloud]:
         ValueError: it is not a PLY file, has no vertices, or ends before its last vertex.
     """
     with open(path, "rb") as file:
-        order, elements, unit = _read_header(file, path)
+        header = read_header(file, path)
+        order, elements, unit = header.order, header.elements, header.unit
         names = [element.name for element in elements]
         if "vertex" not in names:
             raise ValueError(
@@ -73,13 +46,13 @@ def read_ply(path: Path) -> Iterator[Cloud]:
         vertex = elements[names.index("vertex")]
         mesh = vertex.count and is_coarse(vertex.count) and "face" in names
         if mesh and elements[names.index("face")].count:
-            yield _sampled(file, elements, order, unit, path)
+            yield header.completes(_sampled(file, elements, order, unit, path))
             return
         for element in elements[: names.index("vertex")]:
             for _ in _pieces(file, element, order, path):
                 pass
         for table in _pieces(file, vertex, order, path):
-            yield cloud_of_columns(table, path, unit, notes=_notes(vertex))
+            yield header.completes(cloud_of_columns(table, path, unit, notes=_notes(vertex)))
 
 
 def _notes(vertex: Element) -> tuple[str, ...]:
@@ -119,55 +92,6 @@ def _triangles(polygons: list[IntArray], count: int, path: Path) -> IntArray:
     return triangles
 
 
-def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[Element], str]:
-    """The byte order, "" for ascii, the elements in their order, and the unit if one is said."""
-    if file.readline(16).strip().lower() != b"ply":
-        raise ValueError(f"{path}: not a PLY file: its first line is not 'ply'")
-    format_name, unit = "", "auto"
-    elements: list[Element] = []
-    for _ in range(_LONGEST_HEADER_LINES):
-        words = file.readline(_LONGEST_LINE).decode("latin-1").split()
-        keyword = words[0].lower() if words else ""
-        if keyword == "end_header":
-            break
-        if keyword == "format" and len(words) == 3:
-            format_name = words[1].lower()
-        elif keyword == "element" and len(words) == 3 and words[2].isdecimal():
-            name = "vertex" if words[1].lower() in _VERTICES else words[1].lower()
-            elements.append(Element(name, int(words[2])))
-        elif keyword == "property" and elements:
-            _add_property(elements[-1], words, path)
-        elif keyword in ("comment", "obj_info"):
-            unit = unit_in(" ".join(words[1:])) or unit
-        elif keyword:
-            raise _unreadable(words, path)
-    else:
-        raise ValueError(f"{path}: truncated or not a PLY file: its header never ends")
-    if format_name not in _BYTE_ORDERS:
-        raise ValueError(
-            f"{path}: unknown PLY format {format_name[:40]!r}: expected one of {list(_BYTE_ORDERS)}"
-        )
-    return "" if format_name == "ascii" else _BYTE_ORDERS[format_name], elements, unit
-
-
-def _unreadable(words: list[str], path: Path) -> ValueError:
-    return ValueError(f"{path}: cannot read the header line {' '.join(words)[:80]!r}")
-
-
-def _add_property(element: Element, words: list[str], path: Path) -> None:
-    is_list = words[1:2] and words[1].lower() == "list"
-    kinds = [_TYPES.get(word.lower()) for word in (words[2:4] if is_list else words[1:2])]
-    known = {name for name, _ in element.columns}
-    if len(words) != (5 if is_list else 3) or None in kinds:
-        raise _unreadable(words, path)
-    name = words[-1]
-    while name in known:  # some writers repeat a name; both columns stand in the records
-        name += "_"
-    element.columns.append((name, str(kinds[-1])))
-    if is_list:
-        element.lists[name] = str(kinds[0])
-
-
 def _pieces(
     file: BinaryIO, element: Element, order: str, path: Path, keep_lists: bool = False
 ) -> Iterator[dict[str, np.ndarray]]:
@@ -189,20 +113,21 @@ def write_ply(path: Path, clouds: Iterable[Cloud]) -> None:
 
     All pieces have the columns of the first.
     """
-    count, kinds = 0, [(axis, "f8") for axis in "xyz"]
+    count, kinds, remarks = 0, [(axis, "f8") for axis in "xyz"], ""
     with replacing(path) as temporary, open(temporary, "wb") as file:
         for cloud in clouds:
             table = columns_of_cloud(cloud)
             if not count:
                 kinds = [(name.replace(" ", "_"), _kind(table[name])) for name in table]
-                file.write(_header(count, kinds))
+                remarks = remarks_on(cloud)
+                file.write(_header(count, kinds, remarks))
             records = np.empty(len(cloud), [(name, f"<{kind}") for name, kind in kinds])
             for (name, _), values in zip(kinds, table.values(), strict=True):
                 records[name] = values
             records.tofile(file)
             count += len(cloud)
         file.seek(0)
-        file.write(_header(count, kinds))
+        file.write(_header(count, kinds, remarks))
 
 
 def _kind(values: np.ndarray) -> str:
@@ -213,8 +138,8 @@ def _kind(values: np.ndarray) -> str:
     return "u1" if values.dtype.kind == "b" else "f8"
 
 
-def _header(count: int, kinds: list[tuple[str, str]]) -> bytes:
+def _header(count: int, kinds: list[tuple[str, str]], remarks: str) -> bytes:
     """The head of a file of ``count`` vertices; always of one length, so it can be written anew."""
     properties = "".join(f"property {_NAMES[kind]} {name}\n" for name, kind in kinds)
     vertices = f"element vertex {count:<12}\n{properties}"
-    return f"ply\nformat binary_little_endian 1.0\n{vertices}end_header\n".encode()
+    return f"ply\nformat binary_little_endian 1.0\n{remarks}{vertices}end_header\n".encode()
