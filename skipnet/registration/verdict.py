@@ -77,9 +77,9 @@ def decide(findings: Findings) -> Verdict:
         poses = 1 + len(findings.alternatives)
         reason = f"{seen}, but {poses} distinct poses explain the data about equally well"
         return Verdict(Status.AMBIGUOUS, min(confidence, 1 / poses), reason)
-    if confidence < MIN_CONFIDENCE:
+    if confidence < MIN_CONFIDENCE or findings.has_too_little:
         reason = f"no pose explains both scans: in the best one {seen}"
-        return Verdict(Status.FAILED, confidence, reason)
+        return Verdict(Status.FAILED, min(confidence, 0.5), reason)
     if findings.is_blind and findings.odd_share > MAX_ODD_SHARE:
         reason = (
             f"{seen}, most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "

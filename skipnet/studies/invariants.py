@@ -194,14 +194,16 @@ def listed(folder: str, most_per_set: int | None, index: int) -> Pair:
     return FOLDER.pairs(folder, most_per_set=most_per_set).load(index)
 
 
-def try_case(case: Case) -> dict[str, str]:
+def try_case(case: Case) -> dict[str, Any]:
     """What the registration of a changed pair comes to."""
     rng = np.random.default_rng(zlib.crc32(f"{case.name}{case.change}".encode()))
-    return {"outcome": outcome_of(CHANGES[case.change](case.pair(), rng))}
+    return outcome_of(CHANGES[case.change](case.pair(), rng))
 
 
-def outcome_of(pair: Pair) -> str:
-    """ "right" or "wrong" where it is registered, "refused, though right" or "refused" else."""
+def outcome_of(pair: Pair) -> dict[str, Any]:
+    """ "right" or "wrong" where it is registered, "refused, though right" or "refused" else, and by
+    how much the pose errs: the shift at the middle of the source, so that a frame that begins far
+    away adds nothing."""
     source_viewpoint, target_viewpoint = (
         "auto" if place_m is None else place_m
         for place_m in (pair.source_viewpoint_m, pair.target_viewpoint_m)
@@ -212,9 +214,19 @@ def outcome_of(pair: Pair) -> str:
         source_viewpoint=source_viewpoint,
         target_viewpoint=target_viewpoint,
     )
-    rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
-    is_right = rotation_rad < pair.success_rotation_rad
-    is_right &= translation_m < pair.success_translation_m
+    rotation_rad, _ = pose_error(result.T_target_source, pair.T_target_source)
+    middle_m = np.median(pair.source_m, axis=0)[None]
+    poses = result.T_target_source, pair.T_target_source
+    found_m, truly_m = (transform_points(T, middle_m)[0] for T in poses)
+    shift_m = float(np.linalg.norm(found_m - truly_m))
+    is_right = rotation_rad < pair.success_rotation_rad and shift_m < pair.success_translation_m
     if result.status == "registered":
-        return "right" if is_right else "wrong"
-    return "refused, though right" if is_right else "refused"
+        outcome = "right" if is_right else "wrong"
+    else:
+        outcome = "refused, though right" if is_right else "refused"
+    return {
+        "outcome": outcome,
+        "rotation_deg": float(np.rad2deg(rotation_rad)),
+        "shift_m": shift_m,
+        "confidence": result.confidence,
+    }
