@@ -98,3 +98,11 @@ def test_sensors_that_stood_still_before_a_scene_at_rest_need_no_warning():
     assert decide(replace(GOOD, seen_again=0.97, is_sparse=True)).status == "registered"
     # Leaves never match; without rings and without a body nothing need ride along.
     assert decide(replace(GOOD, seen_again=0.7)).status == "registered"
+
+
+def test_where_nothing_would_contradict_a_fifth_must_agree():
+    sure = replace(GOOD, blind=1.0, margin=1.0, held_voxels=900.0)
+    assert decide(replace(sure, support=0.21)).status == "registered"
+    verdict = decide(replace(sure, support=0.19))
+    assert verdict.status == "failed" and verdict.confidence <= 0.5
+    assert decide(replace(sure, support=0.19, blind=0.0)).status == "registered"
