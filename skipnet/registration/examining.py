@@ -26,6 +26,10 @@ AMBIGUOUS_MARGIN = 0.1
 """A rival whose score comes within this share of the best one's explains the data as well."""
 MIN_DECISIVE = 0.2
 """... unless what tells the two apart speaks for the best one as clearly as this."""
+CONTRADICTED, MIN_LEAD, MIN_CLEAR = 0.0005, 0.35, 0.15
+"""A pose that so many voxels contradict must lead by so much, or differ from its rivals so
+clearly. Of 43 simulated and real poses that differ by less than 0.2 four of ten false ones are
+found out that way, and one of 33 right ones, between people who passed by, is called in doubt."""
 MOST_RIVALS = 12
 """Rivals with which the best pose is compared voxel by voxel."""
 HARMLESS_OVERLAP = 0.2
@@ -138,6 +142,9 @@ def _rivals(
     contradicts_less = score.violation[near] + STRAY_SHARE < score.violation[first]
     equal = score.total[rivals] > (1 - AMBIGUOUS_MARGIN) * top
     equal[:MOST_RIVALS] &= (decisive < MIN_DECISIVE) | contradicts_less
+    if score.violation[first] > CONTRADICTED:
+        close = score.total[near] > (1 - MIN_LEAD) * top
+        equal[:MOST_RIVALS] |= close & (decisive < MIN_CLEAR)
     if judge.blind > BLIND_BOTH:
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:

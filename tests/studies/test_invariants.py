@@ -13,7 +13,7 @@ from skipnet.geometry import invert, pose_error
 from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import INVARIANTS
-from skipnet.studies.invariants import CHANGES, Case, outcome_of, try_case
+from skipnet.studies.invariants import CHANGES, Case, outcome_of, simulated, try_case
 
 EXACT = ("as it came", "swapped", "moved before", "other order", "every point twice")
 EXACT += ("twice as large", "one stray at 1000 km", "5 % far clutter")
@@ -65,3 +65,11 @@ def test_what_becomes_of_a_pair_is_told_apart(pair):
         register(pair.source_m, pair.target_m).T_target_source, pair.T_target_source
     )
     assert rotation_rad < pair.success_rotation_rad
+
+
+def test_a_cut_doorway_is_not_taken_for_its_quarter_turn():
+    change = "a fifth cut off each"
+    case = Case(lambda: simulated("doorway", 180_005), change, "doorway/180005")
+    outcome = try_case(case)
+    assert outcome["rotation_deg"] > 1  # the truth is not found ...
+    assert outcome["outcome"] == "refused"  # ... and that is known
