@@ -28,7 +28,7 @@ MIN_DECISIVE = 0.2
 """... unless what tells the two apart speaks for the best one as clearly as this."""
 CONTRADICTED, MIN_LEAD, MIN_CLEAR = 0.0005, 0.35, 0.15
 """A pose that so many voxels contradict must lead by so much, or differ from its rivals so
-clearly. Of 43 simulated and real poses that differ by less than 0.2 four of ten false ones are
+clearly. Of 43 poses that differ by less than 0.2 at least three of ten false ones are
 found out that way, and one of 33 right ones, between people who passed by, is called in doubt."""
 MOST_RIVALS = 12
 """Rivals with which the best pose is compared voxel by voxel."""
