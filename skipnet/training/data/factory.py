@@ -79,11 +79,11 @@ def _glimpses(name: str) -> Callable[[str, int, np.random.Generator], Clouds]:
 INDOORS = ("kitchen", "clutter", "kitchen", "oblique", "closed", "curved", "paper_room")
 OUTDOORS = ("terrain", "facade")
 KINDS: dict[str, Kind] = {
-    "fragment": Kind(0.30, INDOORS, _glimpses("fragment"), blind_share=0.5),
-    "camera": Kind(0.16, INDOORS, _glimpses("camera")),
+    "fragment": Kind(0.27, INDOORS, _glimpses("fragment"), blind_share=0.5),
+    "camera": Kind(0.13, INDOORS, _glimpses("camera")),
     "narrow_lidar": Kind(0.14, OUTDOORS, _glimpses("narrow_lidar")),
-    "turntable": Kind(0.14, ("figure",), _turntable),
-    "dome": Kind(0.16, (*INDOORS, *OUTDOORS, "doorway"), _views("dome", 1.8)),
+    "turntable": Kind(0.22, ("figure",), _turntable),
+    "dome": Kind(0.14, (*INDOORS, *OUTDOORS, "doorway"), _views("dome", 1.8)),
     "rings": Kind(0.10, OUTDOORS, _views("rings", 1.8)),
 }
 """What the factory makes, by name."""
