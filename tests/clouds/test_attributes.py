@@ -199,7 +199,7 @@ def test_a_cloud_and_its_skip_map_print_as_sentences():
 def test_the_sensors_place_and_the_coordinate_system_come_back(tmp_path, extension):
     points_m = np.random.default_rng(3).normal(size=(400, 3)) + [4e5, 5e6, 20.0]
     place_m = points_m.mean(axis=0) + 0.123456789
-    written = Cloud(points_m, viewpoint_m=place_m, crs='PROJCS["here",\n UNIT["metre",1]]')
+    written = Cloud(points_m, viewpoint_m=place_m, crs='PROJCS["Österreich",\n UNIT["metre",1]]')
     path = tmp_path / f"a.{extension}"
     skipnet.write_cloud(path, written)
     found = skipnet.read_cloud(path)

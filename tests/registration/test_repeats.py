@@ -62,7 +62,18 @@ def test_the_main_axis_is_the_one_that_differs():
     assert abs(main_axis(walls)[2]) == pytest.approx(1)
 
 
-@pytest.mark.parametrize(("make", "seed"), [(row, 63_000), (row, 63_001), (pedestal, 63_002)])
+WRONG = pytest.mark.xfail(strict=True, reason="5 of 24 pedestals are accepted: docs/judge.md")
+
+
+@pytest.mark.parametrize(
+    ("make", "seed"),
+    [
+        (row, 63_000),
+        (row, 63_001),
+        (pedestal, 63_002),
+        pytest.param(pedestal, 63_004, marks=WRONG),
+    ],
+)
 def test_a_pose_that_repeats_is_never_registered_wrongly(make, seed):
     situation = make(seed)
     result = register(situation.source_m, situation.target_m)

@@ -100,7 +100,7 @@ def read_header(file: BinaryIO, path: Path) -> Header:
 def _heed(remark: str, header: Header) -> None:
     """Take from a remark what it says of the points; what makes no sense is a remark."""
     if remark.startswith(_CRS):
-        header.crs = remark[len(_CRS) :].strip()
+        header.crs = remark[len(_CRS) :].strip().encode("latin-1").decode(errors="replace")
     elif remark.startswith(_PLACE):
         try:
             place_m = np.array([float(word) for word in remark[len(_PLACE) :].split()])
