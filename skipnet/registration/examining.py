@@ -11,7 +11,7 @@ from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import seen_again
-from skipnet.registration.judging.score import STRAY_SHARE, Score
+from skipnet.registration.judging.score import CHANCE_SCORE, STRAY_SHARE, Score
 from skipnet.registration.judging.sliding import (
     MIN_DETERMINED,
     holds,
@@ -53,8 +53,6 @@ MORE_MISMATCH = 0.03
 situations in development no registered right pose has such a rival with more than a quarter of its
 support; stairs and rows of trailers have 0.68 and more."""
 SAME_TURN_COSINE = float(np.cos(0.05))
-CHANCE_SCORE = 0.05
-"""What some pose always scores: a lead counts against this, though no rival be found."""
 MIN_THICKNESS_VOXELS = 0.5
 """A scan whose voxels scatter by less about their plane is that plane."""
 MIN_SPARSE_HOLD = 6.0
@@ -82,7 +80,7 @@ def find_out(
         kept: rows of the distinct ones, best first.
     """
     first, T_best = kept[0], best.T_target_source[0]
-    rivals = _rivals(judge, fine, T_target_source, score, kept)
+    rivals = _rivals(aligner, fine, T_target_source, score, kept)
     directions = _free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
     no_turns = np.zeros((0, 3))
@@ -123,7 +121,7 @@ class _Rivals:
 
 
 def _rivals(
-    judge: Judge, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
+    aligner: Aligner, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
 ) -> _Rivals:
     """Compare the best of (K,) kept poses with the others.
 
@@ -131,7 +129,7 @@ def _rivals(
     one, and the rival does not contradict less: the next bay agrees in more where both sensors
     stood alike, and that tells nothing.
     """
-    first, rivals = kept[0], kept[1:]
+    judge, first, rivals = aligner.judge, kept[0], kept[1:]
     top = max(float(score.total[first]), 1e-9)
     closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
     harmless = score.violation[rivals] <= STRAY_SHARE
@@ -148,7 +146,7 @@ def _rivals(
     if judge.blind > BLIND_BOTH:
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:
-        repeated = _repeats(judge, fine, T_target_source, score, first, rivals)
+        repeated = _repeats(aligner, fine, T_target_source, score, first, rivals)
     return _Rivals(
         margin=float(max(1 - closest / top, 0.0)),
         decisiveness=float(decisive.min(initial=1.0)),
@@ -157,7 +155,7 @@ def _rivals(
 
 
 def _repeats(
-    judge: Judge,
+    aligner: Aligner,
     fine: Refinement,
     T_target_source: FloatArray,
     score: Score,
@@ -169,12 +167,19 @@ def _repeats(
     Steps, bays, trailers in a row, the sides of a pedestal: the pose that lays most on most is the
     one that brings both sensors to the same place of the pattern, not the right one.
     """
-    clean = score.contradiction[rivals] <= score.contradiction[first] + STRAY_SHARE
+    judge, top = aligner.judge, float(score.total[first])
+    most = score.contradiction[first] + STRAY_SHARE
     share = REPEATED_ON_MAP if judge.blind > MAX_BLIND else REPEATED_SCORE
-    least = max(share * score.total[first], REPEATED_TOTAL)
-    repeated: BoolArray = clean & (score.total[rivals] >= least)
+    least = max(share * top, REPEATED_TOTAL)
+    repeated: BoolArray = (score.contradiction[rivals] <= most) & (score.total[rivals] >= least)
     for row in np.flatnonzero(repeated):
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])
+    if repeated.any() and not aligner.is_sparse:
+        # A pose of its own stays one, and does as well, when it is aligned once more.
+        again = aligner.prepare(T_target_source[rivals[repeated]], top)
+        stands = (again.score.total >= least) & (again.score.contradiction <= most)
+        stands &= judge.is_apart(T_target_source[first], again.T_target_source)
+        repeated[repeated] = stands
     return repeated
 
 
