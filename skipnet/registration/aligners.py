@@ -47,12 +47,12 @@ class DenseAligner:
     """Voxels of the source with which candidates are refined."""
     is_sparse = False
 
-    def prepare(self, coarse: FloatArray, rival_total: float) -> Contenders:
-        """Refine (C, 4, 4) candidates a little.
+    def prepare(self, coarse: FloatArray, start: FloatArray, rival_total: float) -> Contenders:
+        """Refine candidates a little, from (C, 4, 4) ``start``; they were proposed as ``coarse``.
 
         What scores far less than what is in the running already is not slid.
         """
-        fine = _refine_roughly(coarse, self.source, self.target, self.samples)
+        fine = _refine_roughly(start, self.source, self.target, self.samples)
         score = self.judge.score(fine.T_target_source)
         return self._slid(Contenders(coarse, fine, fine.T_target_source, score), rival_total)
 
@@ -125,11 +125,14 @@ class SparseAligner:
         """Likewise."""
         return False
 
-    def prepare(self, coarse: FloatArray, rival_total: float) -> Contenders:
-        """Refine (C, 4, 4) candidates a little, the best few of them by GICP, but none that scores
-        far less than what is in the running already."""
+    def prepare(self, coarse: FloatArray, start: FloatArray, rival_total: float) -> Contenders:
+        """Refine candidates a little, from (C, 4, 4) ``start``; they were proposed as ``coarse``.
+
+        The best few are aligned by GICP, but none that scores far less than what is in the running
+        already.
+        """
         judge, voxel_size_m = self.judge, self.judge.voxel_size_m
-        fine = _refine_roughly(coarse, self.source, self.target, self.samples)
+        fine = _refine_roughly(start, self.source, self.target, self.samples)
         rough = judge.score(fine.T_target_source, ROUGH)
         rows = judge.distinct(fine.T_target_source, rough)[:SPARSE_FINALISTS]
         rows = rows[rough.total[rows] >= HOPELESS * max(rough.total.max(), rival_total)]

@@ -1,4 +1,4 @@
-"""The poses in the running: what was aligned once is kept, and not aligned again."""
+"""The poses in the running, with what is known of each: it need not be worked out again."""
 
 from __future__ import annotations
 

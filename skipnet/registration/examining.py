@@ -80,7 +80,7 @@ def find_out(
         kept: rows of the distinct ones, best first.
     """
     first, T_best = kept[0], best.T_target_source[0]
-    rivals = _rivals(aligner, fine, T_target_source, score, kept)
+    rivals = _rivals(judge, fine, T_target_source, score, kept)
     directions = _free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
     no_turns = np.zeros((0, 3))
@@ -121,7 +121,7 @@ class _Rivals:
 
 
 def _rivals(
-    aligner: Aligner, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
+    judge: Judge, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
 ) -> _Rivals:
     """Compare the best of (K,) kept poses with the others.
 
@@ -129,7 +129,7 @@ def _rivals(
     one, and the rival does not contradict less: the next bay agrees in more where both sensors
     stood alike, and that tells nothing.
     """
-    judge, first, rivals = aligner.judge, kept[0], kept[1:]
+    first, rivals = kept[0], kept[1:]
     top = max(float(score.total[first]), 1e-9)
     closest = max(score.total[rivals].max(initial=0.0), CHANCE_SCORE)
     harmless = score.violation[rivals] <= STRAY_SHARE
@@ -146,7 +146,7 @@ def _rivals(
     if judge.blind > BLIND_BOTH:
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:
-        repeated = _repeats(aligner, fine, T_target_source, score, first, rivals)
+        repeated = _repeats(judge, fine, T_target_source, score, first, rivals)
     return _Rivals(
         margin=float(max(1 - closest / top, 0.0)),
         decisiveness=float(decisive.min(initial=1.0)),
@@ -155,7 +155,7 @@ def _rivals(
 
 
 def _repeats(
-    aligner: Aligner,
+    judge: Judge,
     fine: Refinement,
     T_target_source: FloatArray,
     score: Score,
@@ -167,19 +167,12 @@ def _repeats(
     Steps, bays, trailers in a row, the sides of a pedestal: the pose that lays most on most is the
     one that brings both sensors to the same place of the pattern, not the right one.
     """
-    judge, top = aligner.judge, float(score.total[first])
     most = score.contradiction[first] + STRAY_SHARE
     share = REPEATED_ON_MAP if judge.blind > MAX_BLIND else REPEATED_SCORE
-    least = max(share * top, REPEATED_TOTAL)
+    least = max(share * score.total[first], REPEATED_TOTAL)
     repeated: BoolArray = (score.contradiction[rivals] <= most) & (score.total[rivals] >= least)
     for row in np.flatnonzero(repeated):
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])
-    if repeated.any() and not aligner.is_sparse:
-        # A pose of its own stays one, and does as well, when it is aligned once more.
-        again = aligner.prepare(T_target_source[rivals[repeated]], top)
-        stands = (again.score.total >= least) & (again.score.contradiction <= most)
-        stands &= judge.is_apart(T_target_source[first], again.T_target_source)
-        repeated[repeated] = stands
     return repeated
 
 

@@ -14,7 +14,7 @@ from skipnet.registration.hypotheses.repeats import from_repeats
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.options import Generator, RegistrationConfig
-from skipnet.registration.settling import aligner_of, enter, settle
+from skipnet.registration.settling import aligner_of, enter, realigned, settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import may_be_registered
 from skipnet.scans.scan import Scan
@@ -58,10 +58,10 @@ def search(
             fresh = judge.shortlist(_joined(guesses, hypotheses.T_target_source))
             guesses = None
         with clock("fine alignment"):
-            running = enter(running, fresh, aligner)
-            answer = (
-                settle(running, aligner) if may_be_registered(running.score, judge.blind) else None
-            )
+            before, running, answer = len(running), enter(running, fresh, aligner), None
+            if may_be_registered(running.score, judge.blind):
+                running = realigned(running, aligner) if before else running
+                answer = settle(running, aligner)
     if answer is None:  # no pose can be registered: which is the best one, and why not?
         with clock("fine alignment"):
             return settle(running, aligner)
@@ -91,7 +91,7 @@ def _with_repeats(
     if len(fresh) == 0:
         return answer
     with clock("fine alignment"):
-        return settle(enter(running, fresh, aligner), aligner)
+        return settle(realigned(enter(running, fresh, aligner), aligner), aligner)
 
 
 def _joined(guesses: FloatArray | None, proposed: FloatArray) -> FloatArray:

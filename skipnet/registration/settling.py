@@ -45,8 +45,15 @@ def enter(running: Contenders, fresh: FloatArray, aligner: Aligner) -> Contender
     """
     if len(fresh) == 0:
         return running
-    everyone = running[:FINALISTS].joined(aligner.prepare(fresh, running.best_total))
+    everyone = running[:FINALISTS].joined(aligner.prepare(fresh, fresh, running.best_total))
     return everyone[aligner.judge.distinct(everyone.T_target_source, everyone.score)]
+
+
+def realigned(running: Contenders, aligner: Aligner) -> Contenders:
+    """All of them aligned once more, from where they are: what is right stays, or comes nearer, and
+    so does what can rival it."""
+    again = aligner.prepare(running.coarse, running.T_target_source, 0.0)
+    return again[aligner.judge.distinct(again.T_target_source, again.score)]
 
 
 def settle(running: Contenders, aligner: Aligner) -> Answer:

@@ -148,7 +148,7 @@ class _CountingAligner:
         self.seen = []
         self.judge = self
 
-    def prepare(self, coarse, rival_total):
+    def prepare(self, coarse, start, rival_total):
         self.seen.append((len(coarse), rival_total))
         total = 1 / (1 + coarse[:, 0, 3])
         return Contenders(coarse, no_refinement(coarse), coarse, Score(total, *[total] * 5))

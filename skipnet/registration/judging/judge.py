@@ -25,7 +25,7 @@ from skipnet.registration.judging.score import (
 )
 from skipnet.registration.judging.states import facing, states
 from skipnet.scans.evidence import Evidence
-from skipnet.types import BoolArray, FloatArray, IntArray
+from skipnet.types import FloatArray, IntArray
 
 _SOON_JUDGED = 1 << 13
 """Voxels, over all candidates, that are judged before another thread has begun."""
@@ -141,12 +141,6 @@ class Judge:
         order = np.argsort(-score.total, kind="stable")
         centre_m, apart_m = self.source.centre_m, 2 * self.voxel_size_m
         return order[distinct(T_target_source[order], centre_m, apart_m)]
-
-    def is_apart(self, T_best: FloatArray, T_target_source: FloatArray) -> BoolArray:
-        """(C,) which of (C, 4, 4) poses are no variants of a (4, 4) one."""
-        far_m = APART_VOXELS * self.voxel_size_m
-        pairs = (np.stack([T_best, one]) for one in T_target_source)
-        return np.array([len(distinct(two, self.source.centre_m, far_m)) == 2 for two in pairs])
 
     def apart(self, T_best: FloatArray, T_target_source: FloatArray) -> FloatArray:
         """Those of (C, 4, 4) poses that are others than a (4, 4) one, and may rival it."""
