@@ -21,7 +21,7 @@ class Cloud:
     """(N, 3) float64, in the frame of the file, large offsets included: doubles keep a surveyed
     coordinate to a nanometre."""
     colour: IntArray | None = None
-    """(N, 3) uint8: red, green, blue."""
+    """(N, 3) uint8, or uint16 where the file has finer ones: red, green, blue."""
     intensity: FloatArray | None = None
     """(N,) numbers, of the kind and range that the file has."""
     normals: FloatArray | None = None
@@ -88,6 +88,14 @@ class Cloud:
         return replace(self[usable], notes=(*self.notes, note))
 
     @property
+    def colour_8bit(self) -> IntArray | None:
+        """(N, 3) uint8 colours, as they are drawn; writers of 8 bits into 16 may not scale them."""
+        if self.colour is None or self.colour.dtype != np.uint16:
+            return self.colour
+        scaled = self.colour.max(initial=0) > 255
+        return (self.colour >> 8 if scaled else self.colour).astype(np.uint8)
+
+    @property
     def holds(self) -> list[str]:
         """Names of what there is beside the points."""
         named = {"colour": self.colour, "intensity": self.intensity, "normals": self.normals}
@@ -119,7 +127,7 @@ def concatenate(clouds: Sequence[Cloud]) -> Cloud:
     return replace(
         first,
         points_m=np.concatenate([cloud.points_m for cloud in clouds]),
-        colour=_joined([cloud.colour for cloud in clouds]),
+        colour=_joined(of_one_depth([cloud.colour for cloud in clouds])),
         intensity=_joined([cloud.intensity for cloud in clouds]),
         normals=_joined([cloud.normals for cloud in clouds]),
         columns={
@@ -131,6 +139,16 @@ def concatenate(clouds: Sequence[Cloud]) -> Cloud:
         crs=first.crs if all(cloud.crs == first.crs for cloud in clouds) else "",
         notes=tuple(notes),
     )
+
+
+def of_one_depth(colours: Sequence[IntArray | None]) -> Sequence[IntArray | None]:
+    """Colours of 8 bits as ones of 16 where they stand beside such."""
+    if len({colour.dtype for colour in colours if colour is not None}) < 2:
+        return colours
+    return [
+        colour * np.uint16(257) if colour is not None and colour.dtype == np.uint8 else colour
+        for colour in colours
+    ]
 
 
 def _joined(arrays: Sequence[np.ndarray | None]) -> np.ndarray | None:

@@ -82,7 +82,12 @@ def pair_viewer(
     tints = (SOURCE_COLOUR, TARGET_COLOUR)
     scans = [
         ViewedScan(
-            name, points_m, tint, None if scan.is_large else scan.cloud.colour, residuals_m, skipmap
+            name,
+            points_m,
+            tint,
+            None if scan.is_large else scan.cloud.colour_8bit,
+            residuals_m,
+            skipmap,
         )
         for name, points_m, tint, scan, residuals_m, skipmap in zip(
             names, (source_m, target_m), tints, (source, target), away_m, described, strict=True
