@@ -57,12 +57,13 @@ def _of_file(option: str, path: str) -> Any:
     file, _, name = path.rpartition(":")
     if not Path(file).is_file():
         raise FileNotFoundError(f"{file}: no such file, for {option}={path}")
-    specification = importlib.util.spec_from_file_location(Path(file).stem, file)
+    # Known by its whole path, lest it stand for another module that is called like the file.
+    known_as = f"{Path(file).stem} of {Path(file).resolve().parent}"
+    specification = importlib.util.spec_from_file_location(known_as, file)
     if specification is None or specification.loader is None:
         raise ValueError(f"{option}={path}: expected FILE.py:NAME")
     module = importlib.util.module_from_spec(specification)
-    # Known by its name, so that what it makes can be sent to other processes.
-    sys.modules.setdefault(specification.name, module)
+    sys.modules[known_as] = module  # so that what it makes can be sent to other processes
     specification.loader.exec_module(module)
     if not hasattr(module, name):
         raise ValueError(f"{option}={path}: {file} has no {name}")

@@ -48,7 +48,7 @@ def viewpoint_of(cloud: Cloud) -> Viewpoint:
     where its coordinates count from, the offset of a LAS file or the origin."""
     if cloud.viewpoint_m is not None:
         return cloud.viewpoint_m
-    x, y, z = cloud.offset_m
+    x, y, z = cloud.offset_m.tolist()
     return AutoAt((x, y, z)) if cloud.offset_m.any() else "auto"
 
 

@@ -119,6 +119,7 @@ def test_methods_from_outside_take_part_by_file_and_by_entry_point(tmp_path, mon
     made = {name: method.make for name, method in config.methods.items()}
     assert made == {"theirs": "their_package.methods.make", "mine": by_file}
     assert make_method(by_file)(None) == "answer"
+    assert "mine" not in sys.modules
     with pytest.raises(ValueError, match="did you mean theirs"):
         options.EvaluateConfig(outside=["their"])
     with pytest.raises(FileNotFoundError, match=r"none.py: no such file"):
