@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import sys
 from difflib import get_close_matches
 from numbers import Integral
@@ -70,10 +71,21 @@ def _of_file(option: str, path: str) -> Any:
     return getattr(module, name)
 
 
+def as_path(given: object, what: str) -> Path:
+    """A path of what names one.
+
+    Raises:
+        ValueError: something else was given.
+    """
+    if not isinstance(given, str | bytes | os.PathLike):
+        raise ValueError(f"{what}={given!r}: expected a path")
+    return Path(os.fsdecode(given))
+
+
 def check_known(option: str, given: str, known: tuple[str, ...]) -> None:
     """Raise a ValueError with the nearest choice for one that does not exist."""
     if given not in known:
-        near = get_close_matches(given, known, n=1)
+        near = get_close_matches(str(given), known, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         raise ValueError(f"{option}={given}: {hint}expected one of {', '.join(known)}")
 

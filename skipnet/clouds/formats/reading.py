@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.checks import METRES_PER_UNIT, check_known
+from skipnet.checks import METRES_PER_UNIT, as_path, check_known
 from skipnet.clouds.cloud import Cloud, concatenate
 from skipnet.clouds.formats.arrays import read_numpy
 from skipnet.clouds.formats.columns import settled_colour
@@ -69,8 +69,9 @@ def read_cloud(path: str | os.PathLike[str], unit: str = "auto") -> Cloud:
         ModuleNotFoundError: the format needs an optional package; the message holds the pip
             command.
     """
+    path = as_path(path, "path")
     chunks = list(read_chunks(path, unit))
-    return _finished(replace(_joined(chunks, Path(path)), name=str(path)))
+    return _finished(replace(_joined(chunks, path), name=str(path)))
 
 
 def read_points(path: str | os.PathLike[str], unit: str = "auto") -> FloatArray:
@@ -94,7 +95,7 @@ def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cl
     Yields:
         Clouds of one point or more.
     """
-    path = Path(path)
+    path = as_path(path, "path")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     if path.is_dir():

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from skipnet.checks import METRES_PER_UNIT
+from skipnet.checks import METRES_PER_UNIT, as_path
 from skipnet.clouds.cloud import Cloud, as_cloud, concatenate
 from skipnet.clouds.formats.arrays import write_npy, write_npz
 from skipnet.clouds.formats.columns import columns_of_cloud
@@ -43,8 +43,8 @@ def write_cloud(
     Raises:
         ValueError: there is no writer for the extension.
     """
-    pieces = cloud if isinstance(cloud, Iterator) else iter([as_cloud(cloud)])
-    _write(Path(path), pieces)
+    path = as_path(path, "path")
+    _write(path, cloud if isinstance(cloud, Iterator) else iter([as_cloud(cloud)]))
 
 
 def write_scans(path: str | os.PathLike[str], scans: Iterable[Cloud]) -> None:
