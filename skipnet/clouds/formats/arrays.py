@@ -155,7 +155,8 @@ def _cloud_of_array(array: np.ndarray, path: Path, beside: dict[str, np.ndarray]
             for name, values in records.items()
             if values.dtype.kind in "iuf" and values.ndim == 1
         }
-        return cloud_of_columns(columns, path)
+        beside = {name: values for name, values in records.items() if values.ndim > 1}
+        return _with_what_is_beside(cloud_of_columns(columns, path), beside)
     array = _by_rows(array)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
         raise ValueError(
