@@ -6,9 +6,8 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
-from skipnet.checks import check_seed
+from skipnet.checks import as_path, check_seed, require
 from skipnet.networks.catalog import find_network
 from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly
@@ -70,7 +69,9 @@ class Project:
             ValueError: the voxel size is no length, or other processes have no folder to share.
         """
         check_seed(seed)
-        self._workers = workers or Workers()
+        self._workers = Workers() if workers is None else workers
+        require(isinstance(self._workers, Workers), "workers", workers, "skipnet.Workers or None")
+        folder = None if folder is None else as_path(folder, "folder")
         if folder is None and not self._workers.is_here:
             raise ValueError(f"{self._workers} without a folder: expected one that they share")
         if voxel_size_m is not None:
@@ -78,8 +79,8 @@ class Project:
         self.voxel_size_m = voxel_size_m
         self._seed = seed
         self._config = as_config(config)
-        self._folder = None if folder is None else Path(folder)
-        self._store = PairStore(None if folder is None else Path(folder) / "pairs")
+        self._folder = folder
+        self._store = PairStore(None if folder is None else folder / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []
         """Scans that have not been described; what has been is let go."""
         self._originals: list[ScanLike] = []

@@ -43,6 +43,8 @@ _KINDS = {
 }
 _HIDDEN = {*_CARTESIAN, *_SPHERICAL, *_COLOURS, *_NORMALS, "intensity"}
 _HIDDEN |= {"cartesianInvalidState", "sphericalInvalidState"}
+OWN_COLUMNS = "skipnet:"
+"""How columns begin that the standard has no name for."""
 _CRC_BYTES, _DEEPEST, _LARGEST_XML = 4, 64, 1 << 26
 
 
@@ -96,8 +98,7 @@ def _errors_of(path: Path) -> Iterator[None]:
 
 def _read_scan(file: pye57.E57, number: int, path: Path) -> Cloud:
     header = file.get_header(number)
-    fields = [name for name in header.point_fields if name in _KINDS]
-    table = _read_records(file, header, fields, f"{path}: scan {number}")
+    table = _read_records(file, header, _kinds(header), f"{path}: scan {number}")
     valid = _valid(table, header.point_count)
     kept = {name: values[valid] for name, values in table.items()}
     name = header["name"].value() if "name" in header.scan_fields else ""
@@ -107,11 +108,29 @@ def _read_scan(file: pye57.E57, number: int, path: Path) -> Cloud:
         colour=_colour(kept, header),
         intensity=kept.get("intensity"),
         normals=stacked([kept[name] for name in _NORMALS]) if set(_NORMALS) <= set(kept) else None,
-        columns={name: values for name, values in kept.items() if name not in _HIDDEN},
+        columns={
+            name.removeprefix(OWN_COLUMNS): values
+            for name, values in kept.items()
+            if name not in _HIDDEN
+        },
         name=f"{path}: {name or f'scan {number}'}" if file.scan_count > 1 else str(path),
         notes=(f"dropped {invalid:,} invalid of {len(valid):,} points",) if invalid else (),
     )
     return _posed(cloud, header, path)
+
+
+def _kinds(header: Any) -> dict[str, type]:
+    """What each column of a scan is read as: those of the standard, and numbers of extensions."""
+    from pye57 import libe57
+
+    read_as = {
+        libe57.NodeType.E57_INTEGER: np.longlong,
+        libe57.NodeType.E57_SCALED_INTEGER: np.float64,
+        libe57.NodeType.E57_FLOAT: np.float64,
+    }
+    nodes = libe57.StructureNode(header.points.prototype())
+    found = {name: read_as.get(nodes.get(name).type()) for name in header.point_fields}
+    return {name: kind for name, kind in (found | _KINDS).items() if kind and name in found}
 
 
 def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
@@ -129,14 +148,14 @@ def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
 
 
 def _read_records(
-    file: pye57.E57, header: Any, fields: list[str], what: str
+    file: pye57.E57, header: Any, kinds: dict[str, type], what: str
 ) -> dict[str, np.ndarray]:
     """The columns of a scan; as many as the header announces, or an error."""
     from pye57 import libe57
 
     announced = int(header.point_count)
     capacity = max(1, min(announced, RECORDS_AT_ONCE))
-    arrays = {name: np.zeros(capacity, _KINDS[name]) for name in fields}
+    arrays: dict[str, np.ndarray] = {name: np.zeros(capacity, kind) for name, kind in kinds.items()}
     buffers = libe57.VectorSourceDestBuffer()
     for name, array in arrays.items():
         buffers.append(libe57.SourceDestBuffer(file.image_file, name, array, capacity, True, True))
@@ -150,7 +169,7 @@ def _read_records(
         raise ValueError(f"{what}: truncated: announces {announced} points, holds {present}")
     return {
         name: np.concatenate([piece[name] for piece in pieces]) if pieces else arrays[name][:0]
-        for name in fields
+        for name in kinds
     }
 
 
@@ -181,8 +200,8 @@ def _colour(table: dict[str, np.ndarray], header: Any) -> IntArray | None:
     if "colorLimits" not in header.scan_fields:
         return as_colour(colours)
     brightest = float(header["colorLimits"]["colorRedMaximum"].value())
-    scaled = stacked(colours) * (255 / brightest if brightest > 0 else 1)
-    return np.clip(np.rint(np.nan_to_num(scaled)), 0, 255).astype(np.uint8)
+    scaled = stacked(colours) * (65535 / brightest if brightest > 0 else 257)
+    return np.clip(np.rint(np.nan_to_num(scaled)), 0, 65535).astype(np.uint16)
 
 
 def _check_xml(path: Path) -> None:

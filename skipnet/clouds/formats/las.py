@@ -5,7 +5,7 @@ Format: ASPRS, LAS specification 1.4.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ import numpy as np
 
 from skipnet.checks import METRES_PER_UNIT, missing_package
 from skipnet.clouds.cloud import Cloud, concatenate
-from skipnet.clouds.formats.columns import cloud_of_columns, stacked
+from skipnet.clouds.formats.columns import cloud_of_columns, stacked, take_intensity
 from skipnet.clouds.formats.coordinate_systems import DEGREES, unit_of_geokeys, unit_of_wkt
 from skipnet.clouds.formats.las_sizes import check_sizes
 from skipnet.clouds.formats.panics import without_trace
@@ -83,7 +83,7 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Pat
     table = dict(zip("xyz", (raw * header.scales + header.offsets).T, strict=True))
     for name in records.point_format.dimension_names:
         values = np.asarray(records[name])
-        if name in ("X", "Y", "Z") or not values.any():
+        if name in ("X", "Y", "Z"):
             continue
         if values.ndim == 1:
             table[name] = values
@@ -92,6 +92,23 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Pat
     offset_m = np.array(header.offsets) * METRES_PER_UNIT[unit]
     cloud = cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
     return replace(cloud, viewpoint_m=_place_m(header))
+
+
+def without_unused(pieces: Sequence[Cloud]) -> list[Cloud]:
+    """The pieces of a file without the dimensions that are zero in all of them: a point format has
+    some twenty, of which few are used."""
+    used = {name for piece in pieces for name, values in piece.columns.items() if values.any()}
+    has_colour, has_intensity = (
+        any(values is not None and values.any() for values in column)
+        for column in ([piece.colour for piece in pieces], [piece.intensity for piece in pieces])
+    )
+    kept = []
+    for piece in pieces:
+        columns = {name: values for name, values in piece.columns.items() if name in used}
+        intensity = piece.intensity if has_intensity else take_intensity(columns)
+        colour = piece.colour if has_colour else None
+        kept.append(replace(piece, colour=colour, intensity=intensity, columns=columns))
+    return kept
 
 
 def _place_m(header: laspy.LasHeader) -> np.ndarray | None:
@@ -186,7 +203,8 @@ def _extra(cloud: Cloud) -> dict[str, np.ndarray]:
 
 def _fill(las: laspy.LasData, cloud: Cloud) -> None:
     if cloud.colour is not None:
-        las.red, las.green, las.blue = cloud.colour.T.astype(np.uint16) * 257
+        fine = cloud.colour.dtype == np.uint16
+        las.red, las.green, las.blue = cloud.colour.T.astype(np.uint16) * (1 if fine else 257)
     if cloud.intensity is not None:
         las.intensity = _as_16_bits(cloud.intensity)
     for name, values in _extra(cloud).items():
