@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.las_sizes import unpacked_bytes
 from skipnet.clouds.formats.reading import SUPPORTED, read_chunks, read_cloud, read_scans
 from skipnet.scans.given import viewpoint_of
 from skipnet.scans.scan import Viewpoint, checked
@@ -16,7 +18,7 @@ from skipnet.skipmap.streaming import thin_chunks
 from skipnet.skipmap.tree import Points, SkipTree, points_of
 
 LARGE_FILE_BYTES = 1 << 28
-"""Larger files are thinned while they are read, and are never in memory as a whole."""
+"""What is larger, unpacked, is thinned while it is read, and is never in memory as a whole."""
 
 _IN_FOLDERS = [extension for extension in SUPPORTED if extension not in (".txt", ".png")]
 """What a folder's scans are called; its texts and pictures are more often something else."""
@@ -178,4 +180,10 @@ def check_not_overwritten(paths: Sequence[Path], output_dir: Path, outputs: Sequ
 
 
 def _is_large(path: Path) -> bool:
-    return path.is_file() and path.stat().st_size > LARGE_FILE_BYTES
+    if not path.is_file():
+        return False
+    size = path.stat().st_size
+    if path.suffix.lower() == ".laz":
+        with suppress(ValueError):  # what is wrong with it the reader will say
+            size = max(size, unpacked_bytes(path))
+    return size > LARGE_FILE_BYTES

@@ -99,3 +99,17 @@ def test_a_large_file_is_thinned_to_register_and_written_whole(tmp_path, monkeyp
         f"{len(pair.source_m):,} points, read into"
         in (tmp_path / "out" / "report.html").read_text()
     )
+
+
+def test_of_a_packed_file_counts_what_it_unpacks_to(tmp_path, monkeypatch):
+    pytest.importorskip("laspy")
+    pair = simulate_pair("paper_room", 1, points=40_000).pair
+    packed, plain = tmp_path / "a.laz", tmp_path / "a.las"
+    for path in (packed, plain):
+        write_cloud(path, pair.source_m)
+    sizes = packed.stat().st_size, plain.stat().st_size
+    assert sizes[0] < 0.7 * sizes[1]
+    monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", sum(sizes) // 2)
+    assert inputs.read_given(packed).is_large and inputs.read_given(plain).is_large
+    monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", sizes[1])
+    assert not inputs.read_given(packed).is_large
