@@ -85,7 +85,9 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Pat
         values = np.asarray(records[name])
         if name in ("X", "Y", "Z"):
             continue
-        if values.ndim == 1:
+        if values.ndim == 1 and not values.any():  # unused here, perhaps not in the next piece
+            table[name] = np.broadcast_to(values.dtype.type(0), len(values))
+        elif values.ndim == 1:
             table[name] = values
         else:
             table |= {f"{name} {k}": column for k, column in enumerate(values.T)}
