@@ -24,7 +24,7 @@ class Cloud:
     coordinate to a nanometre."""
     colour: IntArray | None = None
     """(N, 3) uint8, or uint16 where the file has finer ones: red, green, blue."""
-    intensity: FloatArray | None = None
+    intensity: FloatArray | IntArray | None = None
     """(N,) numbers, of the kind and range that the file has."""
     normals: FloatArray | None = None
     """(N, 3) directions."""

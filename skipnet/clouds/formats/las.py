@@ -94,7 +94,9 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Pat
             table |= {f"{name} {k}": column for k, column in enumerate(values.T)}
     offset_m = np.array(header.offsets) * METRES_PER_UNIT[unit]
     cloud = cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
-    return replace(cloud, viewpoint_m=_place_m(header))
+    # As 16 bits, so that a writer knows without having seen them all that none is beyond.
+    intensity = None if cloud.intensity is None else cloud.intensity.astype(np.uint16)
+    return replace(cloud, viewpoint_m=_place_m(header), intensity=intensity)
 
 
 def without_unused(pieces: Sequence[Cloud]) -> list[Cloud]:
