@@ -16,6 +16,7 @@ from skipnet.scans.given import viewpoint_of
 from skipnet.scans.scan import Viewpoint, checked
 from skipnet.skipmap.streaming import thin_chunks
 from skipnet.skipmap.tree import Points, SkipTree, points_of
+from skipnet.types import FloatArray
 
 LARGE_FILE_BYTES = 1 << 28
 """What is larger, unpacked, is thinned while it is read, and is never in memory as a whole."""
@@ -94,9 +95,19 @@ def read_given(path: Path, unit: str = "auto") -> Given:
         ValueError: it is no point cloud.
     """
     if _is_large(path):
-        first = next(read_chunks(path, unit)).finite()
-        chunks = (piece.finite().points_m for piece in read_chunks(path, unit))
-        return Given(path, checked(thin_chunks(chunks, str(path)), str(path)), first, unit)
+        first, places_m = next(read_chunks(path, unit)).finite(), set()
+
+        def points() -> Iterator[FloatArray]:
+            """Of one piece after the other; where each was taken from is noted."""
+            for piece in read_chunks(path, unit):
+                place_m = piece.viewpoint_m
+                places_m.add(None if place_m is None else tuple(place_m))
+                yield piece.finite().points_m
+
+        tree = checked(thin_chunks(points(), str(path)), str(path))
+        if len(places_m) > 1:  # several scans
+            first = replace(first, viewpoint_m=None)
+        return Given(path, tree, first, unit)
     cloud = _wondering(read_cloud(path, unit), unit)
     return Given(path, checked(cloud.points_m, str(path)), cloud, unit)
 

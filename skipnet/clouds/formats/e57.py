@@ -50,11 +50,15 @@ _HIDDEN |= set(_FINE)
 _CRC_BYTES, _DEEPEST, _LARGEST_XML = 4, 64, 1 << 26
 
 
-def read_e57(path: Path) -> Iterator[Cloud]:
+def read_e57(path: Path, in_pieces: bool = False) -> Iterator[Cloud]:
     """The scans of the file, one after the other, in the file's common frame.
 
     A scan's viewpoint is its pose's place, where it has a pose. Points that the scanner marked as
     invalid are left out.
+
+    Args:
+        path: of the file.
+        in_pieces: each scan comes as several clouds, so that no more than one need be in memory.
 
     Raises:
         ValueError: it is damaged or ends before its last point.
@@ -69,12 +73,17 @@ def read_e57(path: Path) -> Iterator[Cloud]:
     try:
         crs = _crs(file)
         for number in range(file.scan_count):
-            with _errors_of(path):
-                cloud = _read_scan(file, number, path)
-            if len(cloud):
-                yield replace(cloud, crs=crs)
+            scan = _read_scan(file, number, path, in_pieces)
+            while (cloud := _next(scan, path)) is not None:
+                if len(cloud):
+                    yield replace(cloud, crs=crs)
     finally:
         file.close()
+
+
+def _next(scan: Iterator[Cloud], path: Path) -> Cloud | None:
+    with _errors_of(path):
+        return next(scan, None)
 
 
 def _crs(file: pye57.E57) -> str:
@@ -98,27 +107,39 @@ def _errors_of(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: truncated or not an E57 file: {message}") from error
 
 
-def _read_scan(file: pye57.E57, number: int, path: Path) -> Cloud:
+def _read_scan(file: pye57.E57, number: int, path: Path, in_pieces: bool) -> Iterator[Cloud]:
     header = file.get_header(number)
-    table = _read_records(file, header, _kinds(header), f"{path}: scan {number}")
-    valid = _valid(table, header.point_count)
-    kept = {name: values[valid] for name, values in table.items()}
     name = header["name"].value() if "name" in header.scan_fields else ""
+    name = f"{path}: {name or f'scan {number}'}" if file.scan_count > 1 else str(path)
+    tables = _read_records(file, header, f"{path}: scan {number}")
+    for table in tables if in_pieces else _as_one(tables):
+        yield _posed(_cloud(table, header, name, path), header, path)
+
+
+def _as_one(tables: Iterator[dict[str, np.ndarray]]) -> Iterator[dict[str, np.ndarray]]:
+    """The pieces of a table, at least one, together."""
+    pieces = list(tables)
+    yield {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+
+
+def _cloud(table: dict[str, np.ndarray], header: Any, name: str, path: Path) -> Cloud:
+    """What one piece of a scan, or all of it, holds of valid points, in the scan's frame."""
+    valid = _valid(table)
+    kept = {name: values[valid] for name, values in table.items()}
     invalid = len(valid) - int(np.count_nonzero(valid))
-    cloud = Cloud(
+    return Cloud(
         points_m=_places(kept, path),
         colour=_colour(kept, header),
         intensity=kept.get("intensity"),
         normals=stacked([kept[name] for name in _NORMALS]) if set(_NORMALS) <= set(kept) else None,
         columns={
-            name.removeprefix(OWN_COLUMNS): values
-            for name, values in kept.items()
-            if name not in _HIDDEN
+            column.removeprefix(OWN_COLUMNS): values
+            for column, values in kept.items()
+            if column not in _HIDDEN
         },
-        name=f"{path}: {name or f'scan {number}'}" if file.scan_count > 1 else str(path),
+        name=name,
         notes=(f"dropped {invalid:,} invalid of {len(valid):,} points",) if invalid else (),
     )
-    return _posed(cloud, header, path)
 
 
 def _kinds(header: Any) -> dict[str, type]:
@@ -149,34 +170,31 @@ def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
     return Cloud(**{**vars(moved), "viewpoint_m": place_m})
 
 
-def _read_records(
-    file: pye57.E57, header: Any, kinds: dict[str, type], what: str
-) -> dict[str, np.ndarray]:
-    """The columns of a scan; as many as the header announces, or an error."""
+def _read_records(file: pye57.E57, header: Any, what: str) -> Iterator[dict[str, np.ndarray]]:
+    """The columns of a scan, a piece at a time and one in any case; as many rows as the header
+    announces, or an error."""
     from pye57 import libe57
 
+    kinds = _kinds(header)
     announced = int(header.point_count)
     capacity = max(1, min(announced, RECORDS_AT_ONCE))
     arrays: dict[str, np.ndarray] = {name: np.zeros(capacity, kind) for name, kind in kinds.items()}
     buffers = libe57.VectorSourceDestBuffer()
     for name, array in arrays.items():
         buffers.append(libe57.SourceDestBuffer(file.image_file, name, array, capacity, True, True))
-    pieces: list[dict[str, np.ndarray]] = []
     reader, present = header.points.reader(buffers), 0
     while present < announced and (count := reader.read()):
-        pieces.append({name: array[:count].copy() for name, array in arrays.items()})
+        yield {name: array[:count].copy() for name, array in arrays.items()}
         present += count
     reader.close()
     if present != announced:
         raise ValueError(f"{what}: truncated: announces {announced} points, holds {present}")
-    return {
-        name: np.concatenate([piece[name] for piece in pieces]) if pieces else arrays[name][:0]
-        for name in kinds
-    }
+    if present == 0:
+        yield {name: array[:0] for name, array in arrays.items()}
 
 
-def _valid(table: dict[str, np.ndarray], count: int) -> BoolArray:
-    valid = np.ones(count, bool)
+def _valid(table: dict[str, np.ndarray]) -> BoolArray:
+    valid = np.ones(len(next(iter(table.values()), ())), bool)
     for name in ("cartesianInvalidState", "sphericalInvalidState"):
         if name in table:
             valid &= table[name] == 0

@@ -70,7 +70,7 @@ def read_cloud(path: str | os.PathLike[str], unit: str = "auto") -> Cloud:
             command.
     """
     path = as_path(path, "path")
-    chunks = list(read_chunks(path, unit))
+    chunks = list(read_chunks(path, unit, whole_scans=True))
     return _finished(replace(_joined(chunks, path), name=str(path)))
 
 
@@ -81,14 +81,17 @@ def read_points(path: str | os.PathLike[str], unit: str = "auto") -> FloatArray:
 
 def read_scans(path: str | os.PathLike[str], unit: str = "auto") -> list[Cloud]:
     """As ``read_cloud``, each scan of a file that holds several (E57, PTX) on its own."""
-    chunks = list(read_chunks(path, unit))
+    chunks = list(read_chunks(path, unit, whole_scans=True))
     if _format_of(Path(path)) not in _SCANS:
         return [_finished(_joined(chunks, Path(path)))]
     return [_finished(scan) for scan in chunks]
 
 
-def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cloud]:
-    """As ``read_cloud``, 262,144 points at a time where the format allows it, rows of NaN included.
+def read_chunks(
+    path: str | os.PathLike[str], unit: str = "auto", whole_scans: bool = False
+) -> Iterator[Cloud]:
+    """As ``read_cloud``, 262,144 points at a time where the format allows it, rows of NaN included;
+    with ``whole_scans`` one cloud for each scan of a file that holds several.
 
     Errors in a file's middle are raised when the reading gets there.
 
@@ -105,8 +108,10 @@ def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cl
     if unit != "auto":
         check_known("unit", unit, tuple(METRES_PER_UNIT))
     is_empty = True
+    extension = _format_of(path)
+    options = {"in_pieces": not whole_scans} if extension == ".e57" else {}
     with _clear_errors(path):
-        for cloud in _READERS[_format_of(path)](path):
+        for cloud in _READERS[extension](path, **options):
             if len(cloud):
                 is_empty = False
                 yield cloud if unit in ("auto", cloud.unit) else _in_unit(cloud, unit)
@@ -205,7 +210,7 @@ def _finished(cloud: Cloud) -> Cloud:
     return cloud
 
 
-_READERS: dict[str, Callable[[Path], Iterator[Cloud]]] = {
+_READERS: dict[str, Callable[..., Iterator[Cloud]]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
     **dict.fromkeys(_TEXTS, read_text),

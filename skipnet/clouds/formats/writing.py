@@ -6,7 +6,7 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from itertools import chain
+from itertools import chain, groupby
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,18 @@ def write_cloud(
         ValueError: there is no writer for the extension.
     """
     path = as_path(path, "path")
-    _write(path, cloud if isinstance(cloud, Iterator) else iter([as_cloud(cloud)]))
+    pieces = cloud if isinstance(cloud, Iterator) else iter([as_cloud(cloud)])
+    _write(path, _scans_of(pieces) if path.suffix.lower() == ".e57" else pieces)
+
+
+def _scans_of(pieces: Iterator[Cloud]) -> Iterator[Cloud]:
+    """Pieces that follow each other, of one name and taken from one place, are one scan's."""
+
+    def scan(piece: Cloud) -> tuple[str, bytes]:
+        place_m = piece.viewpoint_m
+        return piece.name, b"" if place_m is None else place_m.tobytes()
+
+    return (concatenate(list(same)) for _, same in groupby(pieces, scan))
 
 
 def write_scans(path: str | os.PathLike[str], scans: Iterable[Cloud]) -> None:
