@@ -8,6 +8,7 @@ one with a page.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -28,7 +29,7 @@ from skipnet.commands.errors import (
 from skipnet.commands.overrides import check_overrides
 from skipnet.commands.sweeps import Rows, note_run, sweep_table
 from skipnet.commands.words import as_typed
-from skipnet.progress import Terminal, shown
+from skipnet.progress import Terminal, say, shown
 from skipnet.storage import owned, plain
 
 CONFIG_DIR = Path(__file__).parents[1] / "configs"
@@ -93,13 +94,35 @@ def _shown(
     def run_shown(config: Config) -> Result:
         """What the option says."""
         terminal = getattr(config, "terminal", Terminal.table)
-        with shown(name.split("/")[-1], terminal):
+        with shown(name.split("/")[-1], terminal), _warnings_said():
             result = task(config)
         if terminal is Terminal.json:
             print(json.dumps(plain(as_json(result)), allow_nan=False))
         return result
 
     return run_shown
+
+
+class _Saying(logging.Handler):
+    """Says on the terminal what is logged."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One line, above the bar."""
+        say(record.getMessage())
+
+
+@contextmanager
+def _warnings_said() -> Iterator[None]:
+    """Say the warnings of the package, which a program around it would find in its log."""
+    logger, handler = logging.getLogger("skipnet"), _Saying(logging.WARNING)
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.WARNING)  # Hydra has set the root's to errors alone
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+        logger.removeHandler(handler)
 
 
 def _end_now() -> NoReturn:

@@ -141,7 +141,7 @@ def _doubts(result: Assembly, names: Sequence[str]) -> list[str]:
         elif count == 1:
             told += "may stand where the 3-D view shows it, but too little confirms it."
         else:
-            told += f"fits in {count} places about equally well. A scan from its door helps."
+            told += f"fits in {count} places about equally well. A scan from between them helps."
         parts.append(told)
     if sum(len(group) > 1 for group in result.groups) > 1:
         parts.append(

@@ -50,6 +50,48 @@ def test_open3d_reads_the_upper_8_bits(tmp_path, extension):
     np.testing.assert_array_equal(np.rint(colours * 255), FINE >> 8)
 
 
+def test_pye57_reads_the_upper_8_bits_and_16_that_others_wrote_are_read(tmp_path):
+    pye57 = pytest.importorskip("pye57")
+    from skipnet.clouds.formats.e57_writing import open_e57
+
+    skipnet.write_cloud(tmp_path / "a.e57", Cloud(POINTS_M, colour=FINE))
+    with pye57.E57(str(tmp_path / "a.e57")) as file:
+        scan = file.read_scan(0, colors=True, ignore_missing_fields=True)
+    np.testing.assert_array_equal(scan["colorGreen"], FINE[:, 1] >> 8)
+    file = open_e57(tmp_path / "b.e57")
+    add_fine_scan(file)
+    file.close()
+    np.testing.assert_array_equal(skipnet.read_cloud(tmp_path / "b.e57").colour, FINE)
+
+
+def add_fine_scan(file):
+    """As the standard has colours of sixteen bits: said by their limits."""
+    from pye57 import libe57
+
+    names = ("cartesianX", "cartesianY", "cartesianZ", "colorRed", "colorGreen", "colorBlue")
+    scan, prototype = libe57.StructureNode(file), libe57.StructureNode(file)
+    limits = libe57.StructureNode(file)
+    for name in names[:3]:
+        prototype.set(name, libe57.FloatNode(file, 0.0, libe57.E57_DOUBLE))
+    for name in names[3:]:
+        prototype.set(name, libe57.IntegerNode(file, 0, 0, 65535))
+        limits.set(f"{name}Minimum", libe57.IntegerNode(file, 0))
+        limits.set(f"{name}Maximum", libe57.IntegerNode(file, 65535))
+    scan.set("guid", libe57.StringNode(file, "{scan}"))
+    scan.set("colorLimits", limits)
+    points = libe57.CompressedVectorNode(file, prototype, libe57.VectorNode(file, True))
+    scan.set("points", points)
+    file.root()["data3D"].append(scan)
+    buffers, arrays = libe57.VectorSourceDestBuffer(), []
+    for name, values in zip(names, [*POINTS_M.T, *FINE.T], strict=True):
+        kind = np.float64 if name.startswith("cartesian") else np.longlong
+        arrays.append(np.ascontiguousarray(values, kind))
+        buffers.append(libe57.SourceDestBuffer(file, name, arrays[-1], COUNT, True, True))
+    writer = points.writer(buffers)
+    writer.write(COUNT)
+    writer.close()
+
+
 def test_laspy_reads_the_16_bits(tmp_path):
     laspy = pytest.importorskip("laspy")
     cloud = Cloud(POINTS_M, colour=FINE)
@@ -145,6 +187,7 @@ FEET = 'LOCAL_CS["site",UNIT["foot",0.3048]]'
 def test_what_a_format_has_no_room_for_is_said(tmp_path, caplog, extension, said):
     pytest.importorskip("pye57")
     cloud = Cloud(POINTS_M, FINE, columns=COLUMNS, viewpoint_m=np.ones(3), crs="EPSG:25832")
-    skipnet.write_cloud(tmp_path / f"a.{extension}", cloud)
+    with caplog.at_level("WARNING", logger="skipnet"):
+        skipnet.write_cloud(tmp_path / f"a.{extension}", cloud)
     messages = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert messages == ([f"{tmp_path / f'a.{extension}'}: written without {said}"] if said else [])
+    assert messages == ([f"a.{extension}: written without {said}"] if said else [])

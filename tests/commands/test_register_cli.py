@@ -107,6 +107,13 @@ def test_many_scans_of_a_map_keep_its_coordinates(tmp_path):
     assert np.linalg.norm(away_m, axis=1).max() < 0.03
 
 
+def test_what_a_format_has_no_room_for_is_said_once(tmp_path, pair):
+    for name, points_m in (("a", pair.source_m), ("b", pair.target_m)):
+        write_cloud(tmp_path / f"{name}.ply", Cloud(points_m, viewpoint_m=np.zeros(3)))
+    run = register_py(tmp_path, "source=a.ply", "target=b.ply", "format=xyz", "output_dir=out")
+    assert (run.returncode, run.stderr) == (0, "aligned.xyz: written without the sensor's place\n")
+
+
 def test_scans_of_nothing_in_common_exit_with_3_and_still_write_everything(tmp_path):
     rng = np.random.default_rng(0)
     for name in ("a", "b"):
@@ -146,7 +153,10 @@ BAD = {
     "out of range": (["voxel_size_m=0"], "voxel_size_m=0.0: expected metres above 0"),
     "bad viewpoint": (["source_viewpoint=[1,2]"], "source_viewpoint=[1, 2]: expected auto"),
     "no voxel": (["voxel_size_m=inf"], "voxel_size_m=inf: expected metres above 0"),
-    "no samples": (["registration.final_samples=-5"], "final_samples=-5: expected 50 or more"),
+    "no samples": (
+        ["registration.final_samples=-5"],
+        "final_samples=-5: expected a whole number of 50",
+    ),
     "no weight": (["registration.violation_weight=inf"], "violation_weight=inf: expected a number"),
     "viewpoint of scans": (
         ["scans=[scans/a.ply,scans/b.npy]", "source_viewpoint=null"],

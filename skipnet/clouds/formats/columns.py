@@ -29,7 +29,7 @@ _COLOURS = (
     ("g", "green", "gf", "diffuse_green"),
     ("b", "blue", "bf", "diffuse_blue"),
 )
-_FINE = ("red_16", "green_16", "blue_16")
+FINE = ("red_16", "green_16", "blue_16")
 """Colours of 16 bits beside those of 8 that all programs show."""
 _NORMALS = tuple((f"n{axis}", f"normal_{axis}", f"normal{axis}") for axis in "xyz")
 _INTENSITY = (("intensity", "i", "reflectance", "reflectivity", "scalar_intensity", "remission"),)
@@ -157,7 +157,7 @@ def take_intensity(left: dict[str, np.ndarray]) -> FloatArray | None:
 def _colour(left: dict[str, np.ndarray]) -> IntArray | None:
     columns = _pop(left, _COLOURS)
     if columns:
-        return as_colour(_pop(left, tuple((name,) for name in _FINE)) or columns)
+        return as_colour(_pop(left, tuple((name,) for name in FINE)) or columns)
     packed = left.get("rgb")
     if packed is None or packed.ndim > 1 or packed.dtype.kind == "b" or not _is_packed(packed):
         return None
@@ -231,5 +231,5 @@ def columns_in_8_bits(cloud: Cloud, with_fine: bool) -> dict[str, np.ndarray]:
     on request those of 16 bits stand beside them."""
     table = columns_of_cloud(replace(cloud, colour=cloud.colour_8bit))
     if with_fine and cloud.colour is not None:
-        table |= dict(zip(_FINE, cloud.colour.T, strict=True))
+        table |= dict(zip(FINE, cloud.colour.T, strict=True))
     return table

@@ -21,7 +21,7 @@ import numpy as np
 
 from skipnet.checks import missing_package
 from skipnet.clouds.cloud import Cloud
-from skipnet.clouds.formats.columns import as_colour, stacked
+from skipnet.clouds.formats.columns import FINE, as_colour, stacked
 from skipnet.geometry import make_transform
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -45,6 +45,8 @@ _HIDDEN = {*_CARTESIAN, *_SPHERICAL, *_COLOURS, *_NORMALS, "intensity"}
 _HIDDEN |= {"cartesianInvalidState", "sphericalInvalidState"}
 OWN_COLUMNS = "skipnet:"
 """How columns begin that the standard has no name for."""
+_FINE = tuple(f"{OWN_COLUMNS}{name}" for name in FINE)
+_HIDDEN |= set(_FINE)
 _CRC_BYTES, _DEEPEST, _LARGEST_XML = 4, 64, 1 << 26
 
 
@@ -214,6 +216,8 @@ def _places(table: dict[str, np.ndarray], path: Path) -> FloatArray:
 def _colour(table: dict[str, np.ndarray], header: Any) -> IntArray | None:
     if not all(name in table for name in _COLOURS):
         return None
+    if all(name in table for name in _FINE):
+        return stacked([table[name] for name in _FINE]).astype(np.uint16)
     colours = [table[name] for name in _COLOURS]
     if "colorLimits" not in header.scan_fields:
         return as_colour(colours)

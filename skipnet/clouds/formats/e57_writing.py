@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.columns import FINE, has_fine_colours
 from skipnet.clouds.formats.e57 import OWN_COLUMNS
 from skipnet.storage import replacing
 
@@ -107,7 +108,9 @@ def _columns(cloud: Cloud) -> dict[str, np.ndarray]:
     if cloud.intensity is not None:
         columns["intensity"] = np.asarray(cloud.intensity)
     if cloud.colour is not None:
-        columns |= dict(zip(_COLOURS, cloud.colour.T, strict=True))
+        columns |= dict(zip(_COLOURS, cloud.colour_8bit.T, strict=True))  # type: ignore[union-attr]
+        if has_fine_colours(cloud):  # for which pye57 has no room
+            columns |= {_field(name): c for name, c in zip(FINE, cloud.colour.T, strict=True)}
     if cloud.normals is not None:
         columns |= dict(zip(_NORMALS, cloud.normals.T, strict=True))
     return columns | {_field(name): values for name, values in cloud.columns.items()}
@@ -135,15 +138,11 @@ def _kind_of(file: Any, field: str, values: np.ndarray) -> Any:
     from pye57 import libe57
 
     if field in _COLOURS or field in _STATES:
-        return libe57.IntegerNode(file, 0, 0, _brightest(values) if field in _COLOURS else 2)
+        return libe57.IntegerNode(file, 0, 0, 255 if field in _COLOURS else 2)
     if _is_whole(field, values):
         low, high = int(np.min(values, initial=0)), int(np.max(values, initial=0))
         return libe57.IntegerNode(file, low, low, high)
     return libe57.FloatNode(file, 0.0, libe57.E57_DOUBLE)
-
-
-def _brightest(colours: np.ndarray) -> int:
-    return 65535 if colours.dtype == np.uint16 else 255
 
 
 def _floats(file: Any, values: Mapping[str, float]) -> Any:
@@ -167,5 +166,5 @@ def _set_limits(file: Any, scan: Any, columns: Mapping[str, np.ndarray]) -> None
         limits = libe57.StructureNode(file)
         for colour in _COLOURS:
             limits.set(f"{colour}Minimum", libe57.IntegerNode(file, 0))
-            limits.set(f"{colour}Maximum", libe57.IntegerNode(file, _brightest(columns[colour])))
+            limits.set(f"{colour}Maximum", libe57.IntegerNode(file, 255))
         scan.set("colorLimits", limits)

@@ -74,7 +74,7 @@ def _write(path: Path, clouds: Iterator[Cloud]) -> None:
     write, first = _writer(path), next(clouds)
     write(path, chain([first], clouds))
     if lost := _lost(path.suffix.lower(), first):
-        _log.warning("%s: written without %s", path, ", ".join(lost))
+        _log.warning("%s: written without %s", path.name, ", ".join(lost))
 
 
 def _lost(extension: str, cloud: Cloud) -> list[str]:
