@@ -14,7 +14,8 @@ from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Task, Workers, search_tasks
 from skipnet.projects.deciding import assemble
-from skipnet.projects.groups import Joiner
+from skipnet.projects.groups import Group, Joiner
+from skipnet.projects.links import settled
 from skipnet.projects.retrieval import worth_searching
 from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search
 from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
@@ -89,6 +90,8 @@ class Project:
         self._scan_names: list[str] = []
         """Of their files, where there is a folder."""
         self._outcomes: dict[PairKey, list[Outcome]] = {}
+        self.joiner: Joiner | None = None
+        """Once it is solved: what pairs proposed, and what the scans say of it."""
 
     def __len__(self) -> int:
         """How many scans there are."""
@@ -222,4 +225,9 @@ class Project:
         """
         some = {key: self._outcomes[key][: depth if key in set(more) else 1] for key in keys}
         joiner = Joiner(all_proposals(some, self._scans, witness), witness)
-        return joiner, Arbiter(joiner).decide(range(len(self)))
+        self.joiner = joiner
+        return joiner, Arbiter(joiner, self._settle(joiner)).decide(range(len(self)))
+
+    def _settle(self, joiner: Joiner) -> Callable[[Group], Group]:
+        """Aligns the scans of a group jointly."""
+        return lambda group: replace(group, poses=settled(group, self._scans, joiner)[0].poses)

@@ -1,0 +1,85 @@
+"""Which scans of a simulated floor can be decided at all, by the truth alone.
+
+With all other scans where they are in truth, a scan can be decided if it shares enough with others
+that can, and if no other place that any search proposes explains it about as well: a room furnished
+like another one cannot be told from it, and a scan that shares next to nothing rests on nothing.
+Only what was searched, and the judge, know of other places: who finds them not, cannot list them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from skipnet.geometry import invert
+from skipnet.projects.arbiter import STRICT
+from skipnet.projects.components import components
+from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
+from skipnet.projects.witness import MIN_OVERLAP, leaders
+from skipnet.types import FloatArray
+
+LEAST_SHARE = 0.15
+"""Of both scans' surfaces, summed over all others that can be decided."""
+AS_WELL = 0.5
+"""Another place that explains this much of what the true one does is as good."""
+
+
+def decidable(joiner: Joiner, T_world_scan: Sequence[FloatArray], building: Sequence[int]) -> set[int]:
+    """Scans that can be decided.
+
+    Args:
+        joiner: knows what pairs proposed.
+        T_world_scan: (4, 4) true pose of each scan's own frame in its building's.
+        building: of each scan.
+    """
+    shares = _shares(joiner, T_world_scan, building)
+    linked = [key for key, share in shares.items() if share >= MIN_OVERLAP]
+    parts = components(range(len(building)), linked)
+    groups = [Group({scan: T_world_scan[scan] for scan in part}) for part in parts]
+    left = {scan for group in groups for scan in group.scans if not _is_torn(joiner, groups, scan)}
+    while True:
+        within = {scan: 0.0 for scan in left}
+        for (a, b), share in shares.items():
+            if share >= MIN_OVERLAP and a in left and b in left:
+                within[a] += share
+                within[b] += share
+        loose = {scan for scan, share in within.items() if share < LEAST_SHARE}
+        if not loose:
+            return left
+        left -= loose
+
+
+def _shares(
+    joiner: Joiner, T_world_scan: Sequence[FloatArray], building: Sequence[int]
+) -> dict[tuple[int, int], float]:
+    """Of each pair of one building, what both see in truth."""
+    shares = {}
+    for a, b in combinations(range(len(building)), 2):
+        if building[a] == building[b]:
+            T = invert(T_world_scan[a]) @ T_world_scan[b]
+            shares[a, b] = float(joiner.witness.pair(a, b, T[None])[0, 0])
+    return shares
+
+
+def _is_torn(joiner: Joiner, groups: Sequence[Group], scan: int) -> bool:
+    """Whether a scan fits elsewhere about as well as where it is, all others being right."""
+    own = next(group for group in groups if scan in group.poses)
+    rest, alone, T = own.without(scan), Group.single(scan), own.poses[scan]
+    support = joiner.witness.all_pairs(rest.poses, alone.poses, T[None]).support[0]
+    for group in (rest, *(group for group in groups if group is not own)):
+        first, second = in_order(group, alone) if group.poses else (alone, alone)
+        for way in joiner.ways(first, second) if group.poses else []:
+            there = way.T if second is alone else invert(way.T)
+            is_true = group is rest and _is_same(joiner, scan, T, there)
+            fits = way.contradiction <= STRICT.limit and way.support >= AS_WELL * support
+            if fits and not is_true:
+                return True
+    return False
+
+
+def _is_same(joiner: Joiner, scan: int, T: FloatArray, other: FloatArray) -> bool:
+    witness = joiner.witness
+    size_m = SAME_VOXELS * witness.voxel_size_m
+    return bool(leaders(np.stack([T, other]), witness.centres_m[scan], size_m)[1] == 0)
