@@ -36,6 +36,11 @@ RELIABLE = 0.9
 """Share of the registered pairs that must hold for pairs to be believed by themselves: it is 1.00
 in a facade, a kitchen and a turntable, and .08 to .75 in most simulated floors of alike rooms. And
 they must make a loop for every two scans: a floor of which few pairs hold is no facade."""
+SAME_PLACE_LIMIT = 0.003
+"""Two scans that share more than strict standards allow stand in one place and see the same free
+space. Where they contradict by more than this nevertheless, they are of two rooms that look alike,
+and pairs cannot be believed by themselves. Alike rooms laid on each other contradict by .006 to .03
+(development seeds), a turntable's neighbours by nothing."""
 CLEARLY_BETTER = 1.1
 """A place that is worth this many times more than the present one is better."""
 MAX_ROUNDS = 5
@@ -82,7 +87,7 @@ class Arbiter:
             if not standards.believes_one:
                 groups = self._tightened(groups, standards)
             reliability = self.reliability(groups, standards)
-            if reliability >= RELIABLE:
+            if reliability >= RELIABLE and not self._lies_on_another(groups):
                 break
         doubts = Doubts(self._joiner, standards, standards.believes_one)
         sure = doubts.sure_parts(groups)
@@ -100,7 +105,8 @@ class Arbiter:
 
     def _strict(self) -> Standards:
         """Strict standards, as far as this set's own registered pairs keep them."""
-        own = [p.violation[0] for p in self._joiner.proposals.values() if p.confidence > 0]
+        sure = [p for p in self._joiner.proposals.values() if p.confidence > 0]
+        own = [p.violation[0] for p in sure if p.overlap[0] <= STRICT.most_overlap]
         noise = NOISE * float(np.quantile(own, BEST_SHARE)) if own else 0.0
         return replace(STRICT, limit=min(max(STRICT.limit, noise), LENIENT.limit))
 
@@ -120,6 +126,16 @@ class Arbiter:
                 own = [way for way in ways if key in way.voters and way.trust > 0]
                 refuted += all(way.contradiction > standards.limit for way in own)
         return held / (held + refuted) if held + refuted else 1.0
+
+    def _lies_on_another(self, groups: list[Group]) -> bool:
+        """Whether scans of alike rooms were laid on each other."""
+        for group in groups:
+            for a, b in combinations(group.scans, 2):
+                T = invert(group.poses[a]) @ group.poses[b]
+                overlap, violation = self._joiner.witness.pair(a, b, T[None])[:, 0]
+                if overlap > STRICT.most_overlap and violation > SAME_PLACE_LIMIT:
+                    return True
+        return False
 
     def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
         return self._joiner.grow((Group.single(scan) for scan in scans), standards)
