@@ -16,6 +16,7 @@ from skipnet.projects.blocks import Task, Workers, search_tasks
 from skipnet.projects.deciding import assemble
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.links import settled
+from skipnet.projects.priors import Priors
 from skipnet.projects.retrieval import worth_searching
 from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search
 from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
@@ -23,6 +24,7 @@ from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.pipeline import clean
+from skipnet.registration.prior import Prior
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.describing import common_voxel_size_m, describe
 from skipnet.scans.given import ScanLike, opened, taken
@@ -55,6 +57,7 @@ class Project:
         seed: int = 0,
         config: RegistrationConfig | None = None,
         workers: Workers | None = None,
+        priors: Priors | None = None,
     ) -> None:
         """Begin a project.
 
@@ -66,12 +69,14 @@ class Project:
             seed: of every random choice.
             config: everything else; None takes the defaults.
             workers: who searches the pairs; None: this process.
+            priors: what somebody believes of the scans, by their numbers: judged, never trusted.
 
         Raises:
             ValueError: the voxel size is no length, or other processes have no folder to share.
         """
         check_seed(seed)
         self._workers = workers or Workers()
+        self._priors = priors or Priors()
         if folder is None and not self._workers.is_here:
             raise ValueError(f"{self._workers} without a folder: expected one that they share")
         if voxel_size_m is not None:
@@ -90,6 +95,8 @@ class Project:
         self._scan_names: list[str] = []
         """Of their files, where there is a folder."""
         self._outcomes: dict[PairKey, list[Outcome]] = {}
+        self._believed: dict[PairKey, Outcome] = {}
+        """What searching about a believed pose found."""
         self.joiner: Joiner | None = None
         """Once it is solved: what pairs proposed, and what the scans say of it."""
 
@@ -123,27 +130,34 @@ class Project:
         it was interrupted changes the result.
 
         Raises:
-            ValueError: fewer than two scans.
+            ValueError: fewer than two scans, or priors of scans that are not there.
         """
         if len(self) < 2:
             raise ValueError(f"got {len(self)} scans: expected two or more")
+        self._priors.check(len(self))
         tell = progress or (lambda stage, done, of: None)
         clock = Stopwatch()
         with clock("skip-map"):
             self._describe()
         with clock("pairs"):
             keys = list(combinations(range(len(self)), 2))
-            self._search(keys, cheap(self._config), 0, "pairs", tell)
+            hopeful = sorted(keys, key=lambda key: (self._priors.apart_m(key), key))
+            self._search(hopeful, cheap(self._config), 0, "pairs", tell)
         witness = Witness([scan.evidence for scan in self._scans])
+        with clock("pairs"):
+            more = costly(self._config)
+            chosen = sorted(self._priors.linked) if more is not None else []
+            self._search_believed(witness, tell)
+            if more is not None:
+                self._search(chosen, more, 1, "pairs said to overlap", tell)
         with clock("groups"):
-            joiner, decision = self._decide(keys, 1, witness)
-        more, chosen = costly(self._config), []
+            joiner, decision = self._decide(keys, witness, chosen)
         if more is not None and len(decision.groups) > 1:
             with clock("pairs"):
-                chosen = worth_searching(decision, joiner)
+                chosen += worth_searching(decision, joiner, self._priors)
                 self._search(chosen, more, 1, "pairs between groups", tell)
             with clock("groups"):
-                joiner, decision = self._decide(keys, 2, witness, chosen)
+                joiner, decision = self._decide(keys, witness, chosen)
         with clock("pose graph"):
             used = {key: self._outcomes[key] for key in keys}
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
@@ -209,21 +223,38 @@ class Project:
             self._outcomes[key].append(outcome)
         tell(stage, len(keys), len(keys))
 
-    def _pair_name(self, key: PairKey, config: RegistrationConfig) -> str:
+    def _search_believed(self, witness: Witness, tell: Progress) -> None:
+        """Search the pairs of which a pose is believed about that pose."""
+        config = cheap(self._config)
+        guesses = self._priors.guesses(2 * max(witness.reach_m))
+        for done, (key, prior) in enumerate(guesses.items()):
+            tell("poses that are believed", done, len(guesses))
+            if key not in self._believed:
+                target, source = (self._scans[scan] for scan in key)
+                name = self._pair_name(key, config, prior)
+                found = self._store.load(name) or search(source, target, config, prior)
+                self._store.save(name, found)
+                self._believed[key] = found
+
+    def _pair_name(
+        self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
+    ) -> str:
         """Of the file of a search."""
         assert self.voxel_size_m is not None
         digests = self._digests[key[0]], self._digests[key[1]]
-        return pair_key(digests, self.voxel_size_m, self._seed, config)
+        return pair_key(digests, self.voxel_size_m, self._seed, config, prior)
 
     def _decide(
-        self, keys: Sequence[PairKey], depth: int, witness: Witness, more: Sequence[PairKey] = ()
+        self, keys: Sequence[PairKey], witness: Witness, more: Sequence[PairKey]
     ) -> tuple[Joiner, Decision]:
         """Groups from the first outcome of every pair, and from the second of some.
 
         What earlier calls searched more stays out: the same scans give the same result, whether
         they came at once or one by one.
         """
-        some = {key: self._outcomes[key][: depth if key in set(more) else 1] for key in keys}
+        some = {key: self._outcomes[key][: 2 if key in set(more) else 1] for key in keys}
+        for key, outcome in self._believed.items():
+            some[key] = [*some[key], outcome]
         joiner = Joiner(all_proposals(some, self._scans, witness), witness)
         self.joiner = joiner
         return joiner, Arbiter(joiner, self._settle(joiner)).decide(range(len(self)))

@@ -15,13 +15,14 @@ from skipnet.projects.schedule import Outcome
 from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
 from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.prior import Prior, PriorCheck
 from skipnet.registration.result import Registration, ScanFacts
 from skipnet.scans.scan import AutoAt, Viewpoint
 from skipnet.skipmap.tree import Points, points_of
 from skipnet.storage import read_json, write_text
 from skipnet.types import FloatArray, Status
 
-_KINDS = {kind.__name__: kind for kind in (Outcome, Registration, ScanFacts, Findings)}
+_KINDS = {kind.__name__: kind for kind in (Outcome, Registration, ScanFacts, Findings, PriorCheck)}
 
 
 class PairStore:
@@ -98,12 +99,22 @@ def digest(points: Points, viewpoint: Viewpoint) -> str:
 
 
 def pair_key(
-    digests: tuple[str, str], voxel_size_m: float, seed: int, config: RegistrationConfig
+    digests: tuple[str, str],
+    voxel_size_m: float,
+    seed: int,
+    config: RegistrationConfig,
+    prior: Prior | None = None,
 ) -> str:
-    """Of a search: both scans, every option and the version of this package."""
+    """Of a search: both scans, every option, what was believed, the version of this package."""
     options = json.dumps(dataclasses.asdict(config), default=str, sort_keys=True)
-    text = json.dumps([*digests, voxel_size_m, seed, options, __version__])
+    believed = [] if prior is None else [_believed(prior)]
+    text = json.dumps([*digests, voxel_size_m, seed, options, __version__, *believed])
     return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _believed(prior: Prior) -> list[object]:
+    T = np.asarray(prior.T_target_source, dtype=np.float64)
+    return [T.ravel().tolist(), prior.position_std_m, prior.rotation_std_deg]
 
 
 def encoded(value: Any) -> Any:

@@ -62,7 +62,7 @@ class Witness:
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
         self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
         self.voxel_size_m = evidence[0].voxel_size_m
-        self._reach_m = [
+        self.reach_m = [
             float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
             for one, centre_m in zip(evidence, self.centres_m, strict=True)
         ]
@@ -85,7 +85,7 @@ class Witness:
         result = np.zeros((2, len(T_target_source)))
         there_m = T_target_source[:, :3, :3] @ self.centres_m[source] + T_target_source[:, :3, 3]
         apart_m = np.linalg.norm(there_m - self.centres_m[target], axis=1)
-        near = np.flatnonzero(apart_m < self._reach_m[target] + self._reach_m[source])
+        near = np.flatnonzero(apart_m < self.reach_m[target] + self.reach_m[source])
         if len(near):
             score = self.judge(target, source).score(T_target_source[near], SURE)
             result[:, near] = score.overlap, score.violation
