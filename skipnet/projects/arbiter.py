@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -12,7 +12,8 @@ from skipnet.geometry import invert
 from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import places
-from skipnet.projects.groups import Group, Joiner, in_order, join, merit
+from skipnet.projects.groups import Group, Joiner, merit
+from skipnet.projects.tightening import Settle, tightened
 from skipnet.projects.ways import Standards, rivals
 from skipnet.types import FloatArray
 
@@ -44,9 +45,6 @@ and pairs cannot be believed by themselves. Alike rooms laid on each other contr
 CLEARLY_BETTER = 1.1
 """A place that is worth this many times more than the present one is better."""
 MAX_ROUNDS = 5
-NEAR = 3.0
-"""A join that contradicts by so many limits at most is asked about once more when all its scans
-have been aligned jointly: a pair's pose slides along a corridor by centimetres, and others pay."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class Decision:
 class Arbiter:
     """Decides which scans belong together."""
 
-    def __init__(self, joiner: Joiner, settle: Callable[[Group], Group]) -> None:
+    def __init__(self, joiner: Joiner, settle: Settle) -> None:
         """Prepare to decide.
 
         Args:
@@ -85,7 +83,7 @@ class Arbiter:
         for standards in [*trusting, replace(strict, most_overlap=1.0), strict]:
             groups = self._repaired(self._grown(scans, standards), standards)
             if not standards.believes_one:
-                groups = self._tightened(groups, standards)
+                groups = tightened(groups, self._joiner, self._settle, standards)
             reliability = self.reliability(groups, standards)
             if reliability >= RELIABLE and not self._lies_on_another(groups):
                 break
@@ -139,37 +137,6 @@ class Arbiter:
 
     def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
         return self._joiner.grow((Group.single(scan) for scan in scans), standards)
-
-    def _tightened(self, groups: list[Group], standards: Standards) -> list[Group]:
-        """The groups, with those joined that contradict too much only until all are aligned."""
-        refused: set[tuple[int, ...]] = set()
-        while (found := self._tight_join(groups, standards, refused)) is not None:
-            rest = [group for group in groups if not set(group.poses) & set(found.poses)]
-            groups = self._joiner.grow([*rest, found], standards)
-        return groups
-
-    def _tight_join(
-        self, groups: list[Group], standards: Standards, refused: set[tuple[int, ...]]
-    ) -> Group | None:
-        """Two groups as one, aligned jointly and without too much contradiction, if there are."""
-        near = replace(standards, limit=NEAR * standards.limit)
-        pairs = [in_order(a, b) for a, b in combinations(groups, 2)]
-        ways = [(self._joiner.decided(*pair, near), *pair) for pair in pairs]
-        known = [(way, a, b) for way, a, b in ways if way and way.contradiction > standards.limit]
-        for way, a, b in sorted(known, key=lambda join: join[0].rank(near), reverse=True):
-            joined = join(a, b, way)
-            if (key := tuple(joined.scans)) in refused:
-                continue
-            tight = self._settle(joined)
-            said = self._joiner.witness.all_pairs(
-                {s: tight.poses[s] for s in a.poses},
-                {s: tight.poses[s] for s in b.poses},
-                np.eye(4)[None],
-            )
-            if said.contradiction[0] <= standards.limit:
-                return replace(tight, support=a.support + b.support + float(said.support[0]))
-            refused.add(key)
-        return None
 
     def _counted(self, groups: list[Group]) -> list[Group]:
         """The groups with their support, which cutting forgets."""

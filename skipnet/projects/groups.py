@@ -6,7 +6,7 @@ contradiction, and where no other way to join them explains the scans about as w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -190,9 +190,9 @@ def join(first: Group, second: Group, way: Way) -> Group:
     return Group({**first.poses, **moved}, first.support + second.support + way.support)
 
 
-def in_order(first: Group, second: Group) -> Sequence[Group]:
+def in_order(first: Group, second: Group) -> tuple[Group, Group]:
     """Two groups as the joiner takes them: by their lowest scan numbers."""
-    return sorted((first, second), key=lambda group: group.scans)
+    return (first, second) if first.scans <= second.scans else (second, first)
 
 
 def merit(groups: Iterable[Group]) -> float:

@@ -10,15 +10,14 @@ from pathlib import Path
 
 from skipnet.checks import check_seed
 from skipnet.networks.catalog import find_network
-from skipnet.projects.arbiter import Arbiter, Decision
+from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Task, Workers, search_tasks
-from skipnet.projects.deciding import assemble
-from skipnet.projects.groups import Group, Joiner
-from skipnet.projects.links import settled
+from skipnet.projects.deciding import assemble, decide
+from skipnet.projects.groups import Joiner
 from skipnet.projects.priors import Priors
 from skipnet.projects.retrieval import worth_searching
-from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search
+from skipnet.projects.schedule import Outcome, cheap, costly, search
 from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
@@ -26,7 +25,7 @@ from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.pipeline import clean
 from skipnet.registration.prior import Prior
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.scans.describing import common_voxel_size_m, describe
+from skipnet.scans.describing import describe
 from skipnet.scans.given import ScanLike, opened, taken
 from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.scans.store import ScanStore, scan_key
@@ -96,7 +95,6 @@ class Project:
         """Of their files, where there is a folder."""
         self._outcomes: dict[PairKey, list[Outcome]] = {}
         self._believed: dict[PairKey, Outcome] = {}
-        """What searching about a believed pose found."""
         self.joiner: Joiner | None = None
         """Once it is solved: what pairs proposed, and what the scans say of it."""
 
@@ -144,9 +142,9 @@ class Project:
             hopeful = sorted(keys, key=lambda key: (self._priors.apart_m(key), key))
             self._search(hopeful, cheap(self._config), 0, "pairs", tell)
         witness = Witness([scan.evidence for scan in self._scans])
+        more = costly(self._config)
+        chosen = sorted(self._priors.linked) if more is not None else []
         with clock("pairs"):
-            more = costly(self._config)
-            chosen = sorted(self._priors.linked) if more is not None else []
             self._search_believed(witness, tell)
             if more is not None:
                 self._search(chosen, more, 1, "pairs said to overlap", tell)
@@ -154,12 +152,12 @@ class Project:
             joiner, decision = self._decide(keys, witness, chosen)
         if more is not None and len(decision.groups) > 1:
             with clock("pairs"):
-                chosen += worth_searching(decision, joiner, self._priors)
+                chosen = sorted({*chosen, *worth_searching(decision, joiner, self._priors)})
                 self._search(chosen, more, 1, "pairs between groups", tell)
             with clock("groups"):
                 joiner, decision = self._decide(keys, witness, chosen)
         with clock("pose graph"):
-            used = {key: self._outcomes[key] for key in keys}
+            used = {key: [*self._outcomes[key], *self._about(key)] for key in keys}
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
         return replace(result, given=tuple(self._originals), described=tuple(self._scans))
 
@@ -174,7 +172,8 @@ class Project:
             self._scans += describe(clouds_m, viewpoints, self.voxel_size_m, self._seed, network)
             self.voxel_size_m = self._scans[0].skipmap.voxel_size_m
         else:
-            size_m = self._fix_voxel_size(clouds_m, SizeStore(self._folder))
+            size_m = SizeStore(self._folder).fixed_m(self.voxel_size_m, clouds_m, self._digests)
+            self.voxel_size_m = size_m
             some = clouds_m, viewpoints, size_m, self._seed, network
             self._scan_names += [
                 scan_key(cloud_m, viewpoint, *some[2:])
@@ -182,15 +181,6 @@ class Project:
             ]
             self._scans += ScanStore(self._folder / "scans").describe(*some)
         self._given.clear()
-
-    def _fix_voxel_size(self, clouds_m: Sequence[Points], store: SizeStore) -> float:
-        """The project's voxel size: given, kept, or chosen now and kept."""
-        if self.voxel_size_m is None:
-            self.voxel_size_m = store.load(self._digests)
-        if self.voxel_size_m is None:
-            self.voxel_size_m = common_voxel_size_m(clouds_m)
-            store.save(self.voxel_size_m, self._digests)
-        return self.voxel_size_m
 
     def _search(
         self,
@@ -213,14 +203,8 @@ class Project:
             search_tasks(tasks, self._folder, config, self._workers)
         for done, key in enumerate(keys):
             tell(stage, done, len(keys))
-            if key not in names:
-                continue
-            outcome = self._store.load(names[key])
-            if outcome is None:
-                target, source = key
-                outcome = search(self._scans[source], self._scans[target], config)
-                self._store.save(names[key], outcome)
-            self._outcomes[key].append(outcome)
+            if key in names:
+                self._outcomes[key].append(self._found(key, config, names[key]))
         tell(stage, len(keys), len(keys))
 
     def _search_believed(self, witness: Witness, tell: Progress) -> None:
@@ -230,19 +214,31 @@ class Project:
         for done, (key, prior) in enumerate(guesses.items()):
             tell("poses that are believed", done, len(guesses))
             if key not in self._believed:
-                target, source = (self._scans[scan] for scan in key)
-                name = self._pair_name(key, config, prior)
-                found = self._store.load(name) or search(source, target, config, prior)
-                self._store.save(name, found)
+                found = self._found(key, config, self._pair_name(key, config, prior), prior)
                 self._believed[key] = found
+
+    def _found(
+        self, key: PairKey, config: RegistrationConfig, name: str, prior: Prior | None = None
+    ) -> Outcome:
+        """What searching a pair found before, or finds now."""
+        outcome = self._store.load(name)
+        if outcome is None:
+            target, source = key
+            outcome = search(self._scans[source], self._scans[target], config, prior)
+            self._store.save(name, outcome)
+        return outcome
+
+    def _about(self, key: PairKey) -> list[Outcome]:
+        """What searching a pair about a believed pose found, if there is one."""
+        return [self._believed[key]] if key in self._believed else []
 
     def _pair_name(
         self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
     ) -> str:
         """Of the file of a search."""
         assert self.voxel_size_m is not None
-        digests = self._digests[key[0]], self._digests[key[1]]
-        return pair_key(digests, self.voxel_size_m, self._seed, config, prior)
+        target, source = (self._digests[scan] for scan in key)
+        return pair_key((target, source), self.voxel_size_m, self._seed, config, prior)
 
     def _decide(
         self, keys: Sequence[PairKey], witness: Witness, more: Sequence[PairKey]
@@ -253,12 +249,6 @@ class Project:
         they came at once or one by one.
         """
         some = {key: self._outcomes[key][: 2 if key in set(more) else 1] for key in keys}
-        for key, outcome in self._believed.items():
-            some[key] = [*some[key], outcome]
-        joiner = Joiner(all_proposals(some, self._scans, witness), witness)
-        self.joiner = joiner
-        return joiner, Arbiter(joiner, self._settle(joiner)).decide(range(len(self)))
-
-    def _settle(self, joiner: Joiner) -> Callable[[Group], Group]:
-        """Aligns the scans of a group jointly."""
-        return lambda group: replace(group, poses=settled(group, self._scans, joiner)[0].poses)
+        some = {key: [*found, *self._about(key)] for key, found in some.items()}
+        self.joiner, decision = decide(some, self._scans, witness)
+        return self.joiner, decision

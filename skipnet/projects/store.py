@@ -17,6 +17,7 @@ from skipnet.registration.findings import Findings
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.prior import Prior, PriorCheck
 from skipnet.registration.result import Registration, ScanFacts
+from skipnet.scans.describing import common_voxel_size_m
 from skipnet.scans.scan import AutoAt, Viewpoint
 from skipnet.skipmap.tree import Points, points_of
 from skipnet.storage import read_json, write_text
@@ -83,6 +84,16 @@ class SizeStore:
             return float(kept["voxel_size_m"]) if set(kept["scans"]) <= set(digests) else None
         except (FileNotFoundError, ValueError, KeyError, TypeError):
             return None
+
+    def fixed_m(
+        self, given_m: float | None, clouds_m: Sequence[Points], digests: Sequence[str]
+    ) -> float:
+        """The size: given, kept, or chosen now from the scans and kept."""
+        size_m = given_m if given_m is not None else self.load(digests)
+        if size_m is None:
+            size_m = common_voxel_size_m(clouds_m)
+            self.save(size_m, digests)
+        return size_m
 
     def save(self, voxel_size_m: float, digests: Sequence[str]) -> None:
         """Keep it."""

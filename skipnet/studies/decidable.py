@@ -26,7 +26,9 @@ AS_WELL = 0.5
 """Another place that explains this much of what the true one does is as good."""
 
 
-def decidable(joiner: Joiner, T_world_scan: Sequence[FloatArray], building: Sequence[int]) -> set[int]:
+def decidable(
+    joiner: Joiner, T_world_scan: Sequence[FloatArray], building: Sequence[int]
+) -> set[int]:
     """Scans that can be decided.
 
     Args:

@@ -21,6 +21,7 @@ from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import exchanged
 from skipnet.projects.groups import Group, Joiner, Proposals
 from skipnet.projects.motions import rival_split
+from skipnet.projects.tightening import tightened
 from skipnet.projects.ways import Standards, rivals
 from skipnet.projects.witness import leaders
 
@@ -140,10 +141,10 @@ def test_a_join_that_contradicts_only_until_all_are_aligned_is_made():
     def settle(group):
         return Group({scan: plan.true(group.scans[0], scan) for scan in group.scans})
 
-    groups = Arbiter(joiner, settle)._tightened(halves, STRICT)
+    groups = tightened(halves, joiner, settle, STRICT)
     assert [group.scans for group in groups] == [[0, 1, 2, 3, 4, 5]]
     np.testing.assert_allclose(groups[0].poses[5], plan.true(0, 5), atol=1e-9)
-    left = Arbiter(joiner, as_it_is)._tightened(halves, STRICT)
+    left = tightened(halves, joiner, as_it_is, STRICT)
     assert [group.scans for group in left] == [[0, 1, 2], [3, 4, 5]]
 
 
@@ -295,7 +296,10 @@ def test_few_pairs_that_all_hold_are_no_proof_that_pairs_can_be_believed():
     few = {**plan.proposals(near(12), confidence=0.0), **plan.proposals([(0, 1), (4, 5), (7, 8)])}
     found = Arbiter(Joiner(few, plan), as_it_is)
     assert found._loops(list(range(12))) == 0
-    assert Arbiter(Joiner(plan.proposals(near(12)), plan), as_it_is)._loops(list(range(12))) == 21 - 12 + 1
+    assert (
+        Arbiter(Joiner(plan.proposals(near(12)), plan), as_it_is)._loops(list(range(12)))
+        == 21 - 12 + 1
+    )
 
 
 def test_components_are_those_that_scipy_finds():

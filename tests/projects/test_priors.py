@@ -1,4 +1,4 @@
-"""What somebody believes of many scans: it helps where it is right, and never makes a wrong result."""
+"""What somebody believes of many scans: right, it helps; wrong, it makes no wrong result."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_wrong_priors_make_no_wrong_result(scans, tmp_path):
 
 
 def test_right_priors_help_where_planes_find_nothing():
-    """Open terrain has no planes: searched by planes alone, its scans find no place by themselves."""
+    """Open terrain has no planes: by planes alone its scans find no place."""
     terrain = simulate_scans("terrain", 1, 3, rotation="any", points=50_000)[0]
     clouds_m = [scan.points_m for scan in terrain]
     alone = skipnet.register_many(clouds_m, config=PLANES)
@@ -64,7 +64,9 @@ def inverse(prior):
 
 
 def test_priors_of_poses_give_those_of_pairs_within_reach():
-    poses = {s: skipnet.Prior(make_transform(np.eye(3), np.array([4.0 * s, 0, 0]))) for s in range(3)}
+    poses = {
+        s: skipnet.Prior(make_transform(np.eye(3), np.array([4.0 * s, 0, 0]))) for s in range(3)
+    }
     found = Priors(poses=poses).guesses(reach_m=5.0)
     assert set(found) == {(0, 1), (1, 2)}
     np.testing.assert_allclose(np.asarray(found[0, 1].T_target_source)[:3, 3], [4, 0, 0])
