@@ -43,9 +43,7 @@ class Project:
         project = skipnet.Project("out/project")
         for path in paths:
             project.add(path)
-        model = project.solve()
-        project.add(one_more)
-        model = project.solve()  # searches the new pairs only
+        model = project.solve()  # after another project.add it searches the new pairs only
     """
 
     def __init__(
@@ -84,7 +82,7 @@ class Project:
         self._seed = seed
         self._config = as_config(config)
         self._folder = None if folder is None else Path(folder)
-        self._store = PairStore(None if folder is None else Path(folder) / "pairs")
+        self._store = PairStore(self._folder and self._folder / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []
         """Scans that have not been described; what has been is let go."""
         self._originals: list[ScanLike] = []
@@ -157,7 +155,7 @@ class Project:
             with clock("groups"):
                 joiner, decision = self._decide(keys, witness, chosen)
         with clock("pose graph"):
-            used = {key: [*self._outcomes[key], *self._about(key)] for key in keys}
+            used = {key: self._known(key, 2) for key in keys}
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
         return replace(result, given=tuple(self._originals), described=tuple(self._scans))
 
@@ -223,14 +221,14 @@ class Project:
         """What searching a pair found before, or finds now."""
         outcome = self._store.load(name)
         if outcome is None:
-            target, source = key
-            outcome = search(self._scans[source], self._scans[target], config, prior)
+            outcome = search(self._scans[key[1]], self._scans[key[0]], config, prior)
             self._store.save(name, outcome)
         return outcome
 
-    def _about(self, key: PairKey) -> list[Outcome]:
-        """What searching a pair about a believed pose found, if there is one."""
-        return [self._believed[key]] if key in self._believed else []
+    def _known(self, key: PairKey, count: int) -> list[Outcome]:
+        """Of a pair the first outcomes, and that of the search about a believed pose."""
+        about = [self._believed[key]] if key in self._believed else []
+        return self._outcomes[key][:count] + about
 
     def _pair_name(
         self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
@@ -248,7 +246,6 @@ class Project:
         What earlier calls searched more stays out: the same scans give the same result, whether
         they came at once or one by one.
         """
-        some = {key: self._outcomes[key][: 2 if key in set(more) else 1] for key in keys}
-        some = {key: [*found, *self._about(key)] for key, found in some.items()}
+        some = {key: self._known(key, 2 if key in set(more) else 1) for key in keys}
         self.joiner, decision = decide(some, self._scans, witness)
         return self.joiner, decision
