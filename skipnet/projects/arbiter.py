@@ -13,6 +13,7 @@ from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
+from skipnet.projects.orders import agreed, in_many_orders
 from skipnet.projects.tightening import Settle, tightened
 from skipnet.projects.ways import Standards, rivals
 from skipnet.types import FloatArray
@@ -83,7 +84,7 @@ class Arbiter:
         for standards in [*trusting, replace(strict, most_overlap=1.0), strict]:
             groups = self._repaired(self._grown(scans, standards), standards)
             if not standards.believes_one:
-                groups = tightened(groups, self._joiner, self._settle, standards)
+                groups = self._searched(groups, standards)
             reliability = self.reliability(groups, standards)
             if reliability >= RELIABLE and not self._lies_on_another(groups):
                 break
@@ -138,19 +139,15 @@ class Arbiter:
     def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
         return self._joiner.grow((Group.single(scan) for scan in scans), standards)
 
+    def _searched(self, groups: list[Group], standards: Standards) -> list[Group]:
+        """The groups as growing in other orders agrees on them, then grown as far as they go."""
+        search = in_many_orders(groups, self._joiner, standards)
+        sure = self._counted(agreed(search, self._joiner))
+        return tightened(sure, self._joiner, self._settle, standards)
+
     def _counted(self, groups: list[Group]) -> list[Group]:
         """The groups with their support, which cutting forgets."""
-        witness = self._joiner.witness
-        return [
-            Group(
-                group.poses,
-                sum(
-                    float(witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0, 0])
-                    for a, b in combinations(group.scans, 2)
-                ),
-            )
-            for group in groups
-        ]
+        return [Group(group.poses, sum(self._joiner.overlaps(group).values())) for group in groups]
 
     def _repaired(self, groups: list[Group], standards: Standards) -> list[Group]:
         """Take out scans that may stand wrong, let the others grow, put them back last."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
@@ -143,9 +142,5 @@ class Doubts:
 
     def _edges(self, group: Group) -> list[PairKey]:
         """Pairs that see enough of the same."""
-        return [
-            (a, b)
-            for a, b in combinations(group.scans, 2)
-            if self._joiner.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0]
-            >= MIN_OVERLAP
-        ]
+        overlaps = self._joiner.overlaps(group)
+        return [key for key, overlap in overlaps.items() if overlap >= MIN_OVERLAP]

@@ -6,7 +6,7 @@ contradiction, and where no other way to join them explains the scans about as w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -76,16 +76,26 @@ class Joiner:
         self.witness = witness
         self._known: dict[tuple[bytes, bytes], list[Way]] = {}
 
-    def grow(self, groups: Iterable[Group], standards: Standards) -> list[Group]:
+    def grow(
+        self,
+        groups: Iterable[Group],
+        standards: Standards,
+        favour: Callable[[Way], float] | None = None,
+    ) -> list[Group]:
         """Join groups, the best founded join first, until no join is left that nobody objects to.
 
         The order of the groups does not matter: of equal joins the one of the lowest numbers wins.
+
+        Args:
+            groups: to begin with.
+            standards: what a join must fulfil.
+            favour: factor by which a join counts more than it is worth; None: by what it rests on.
         """
         left = {group.scans[0]: group for group in groups}
         open_joins = {key: self.decided(*_both(left, key), standards) for key in _pairs(left)}
         while True:
             ranked = [
-                (way.rank(standards), -key[0], -key[1])
+                (way.rank(standards, favour), -key[0], -key[1])
                 for key, way in open_joins.items()
                 if way is not None
             ]
@@ -122,6 +132,15 @@ class Joiner:
         if key not in self._known:
             self._known[key] = self._find_ways(first, second)
         return self._known[key]
+
+    def overlaps(self, group: Group) -> dict[PairKey, float]:
+        """Of each pair of a group the share of their surfaces that agrees."""
+        return {
+            (a, b): float(
+                self.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0, 0]
+            )
+            for a, b in combinations(group.scans, 2)
+        }
 
     def voters(self, group: Group, scan: int) -> frozenset[PairKey]:
         """The pairs that propose the place that a scan has in its group."""
