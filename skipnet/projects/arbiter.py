@@ -83,7 +83,7 @@ class Arbiter:
         strict = self._strict()
         for standards in [*trusting, replace(strict, most_overlap=1.0), strict]:
             groups = self._repaired(self._grown(scans, standards), standards)
-            if not standards.believes_one:
+            if standards is strict:
                 groups = self._searched(groups, standards)
             reliability = self.reliability(groups, standards)
             if reliability >= RELIABLE and not self._lies_on_another(groups):

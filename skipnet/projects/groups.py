@@ -92,7 +92,9 @@ class Joiner:
             favour: factor by which a join counts more than it is worth; None: by what it rests on.
         """
         left = {group.scans[0]: group for group in groups}
-        open_joins = {key: self.decided(*_both(left, key), standards) for key in _pairs(left)}
+        open_joins = {
+            key: self.decided(*_both(left, key), standards, favour) for key in _pairs(left)
+        }
         while True:
             ranked = [
                 (way.rank(standards, favour), -key[0], -key[1])
@@ -109,15 +111,23 @@ class Joiner:
             del left[key[1]]
             left[key[0]] = joined
             open_joins = {k: way for k, way in open_joins.items() if not {*k} & {*key}} | {
-                k: self.decided(*_both(left, k), standards) for k in _pairs(left) if key[0] in k
+                k: self.decided(*_both(left, k), standards, favour)
+                for k in _pairs(left)
+                if key[0] in k
             }
 
-    def decided(self, first: Group, second: Group, standards: Standards) -> Way | None:
-        """The one way to join two groups, if there is one."""
+    def decided(
+        self,
+        first: Group,
+        second: Group,
+        standards: Standards,
+        favour: Callable[[Way], float] | None = None,
+    ) -> Way | None:
+        """The one way to join two groups, if there is one; or of several the most favoured one."""
         fitting = rivals(self.ways(first, second), standards)
-        if len(fitting) != 1:
+        if not fitting or (len(fitting) > 1 and favour is None):
             return None
-        way = fitting[0]
+        way = max(fitting, key=lambda way: way.rank(standards, favour))
         founded = len(way.voters) > 1 or way.trust > 0
         sizes = sorted((len(first.poses), len(second.poses)))
         if sizes[0] == 1 and not standards.believes_one:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -26,8 +27,9 @@ SPREAD = 0.7
 """Standard deviation of the logarithm of the factor by which a join's worth is changed."""
 TAKEN_OUT = (0.2, 0.6)
 """Least and largest share of the scans."""
-ABOUT_AS_GOOD = 0.95
-"""Of the best merit."""
+WORTH_A_DOUBT = 0.25
+"""Another order counts in which less is lost than this share of what agrees with the scans that it
+puts elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,6 @@ class Search:
 
     best: list[Group]
     others: list[list[Group]]
-    """In which about as much agrees."""
 
 
 def in_many_orders(groups: Sequence[Group], joiner: Joiner, standards: Standards) -> Search:
@@ -54,19 +55,29 @@ def in_many_orders(groups: Sequence[Group], joiner: Joiner, standards: Standards
         grown = joiner.grow(start, standards, _favour(rng))
         found.append(grown)
         best = max(best, grown, key=_rounded)
-    enough = ABOUT_AS_GOOD * merit(best)
-    return Search(best, [one for one in found if one is not best and merit(one) >= enough])
+    return Search(best, [one for one in found if one is not best])
 
 
 def agreed(search: Search, joiner: Joiner) -> list[Group]:
-    """The best groups without the scans that another order puts elsewhere."""
+    """The best groups without the scans that another order puts elsewhere about as well."""
     kept: list[Group] = []
+    doubtful: set[int] = set()
+    for other in search.others:
+        elsewhere = [_moved(group, other, joiner) for group in search.best]
+        at_stake = sum(map(partial(_support, joiner), search.best, elsewhere))
+        if merit(search.best) - merit(other) <= WORTH_A_DOUBT * at_stake:
+            doubtful.update(*elsewhere)
     for group in search.best:
-        moved = {s for other in search.others for s in _moved(group, other, joiner)}
+        moved = doubtful & set(group.poses)
         rest = {scan: T for scan, T in group.poses.items() if scan not in moved}
         kept += [Group.single(scan) for scan in group.scans if scan in moved]
         kept += [Group(rest)] if rest else []
     return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
+
+
+def _support(joiner: Joiner, group: Group, scans: set[int]) -> float:
+    """How much agrees with some scans of a group."""
+    return sum(overlap for key, overlap in joiner.overlaps(group).items() if scans & set(key))
 
 
 def _rounded(groups: Sequence[Group]) -> float:
