@@ -13,7 +13,7 @@ from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
-from skipnet.projects.orders import agreed, in_many_orders
+from skipnet.projects.orders import elsewhere, in_many_orders
 from skipnet.projects.tightening import Settle, tightened
 from skipnet.projects.ways import Standards, rivals
 from skipnet.types import FloatArray
@@ -43,6 +43,8 @@ SAME_PLACE_LIMIT = 0.003
 space. Where they contradict by more than this nevertheless, they are of two rooms that look alike,
 and pairs cannot be believed by themselves. Alike rooms laid on each other contradict by .006 to .03
 (development seeds), a turntable's neighbours by nothing."""
+HOPELESS = 4.0
+"""A place that one pair refutes by so many limits is not looked at any further."""
 CLEARLY_BETTER = 1.1
 """A place that is worth this many times more than the present one is better."""
 MAX_ROUNDS = 5
@@ -82,13 +84,15 @@ class Arbiter:
         trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
         strict = self._strict()
         for standards in [*trusting, replace(strict, most_overlap=1.0), strict]:
+            self._joiner.witness.hopeless = HOPELESS * standards.limit
             groups = self._repaired(self._grown(scans, standards), standards)
+            moved: set[int] = set()
             if standards is strict:
-                groups = self._searched(groups, standards)
+                groups, moved = self._searched(groups, standards)
             reliability = self.reliability(groups, standards)
             if reliability >= RELIABLE and not self._lies_on_another(groups):
                 break
-        doubts = Doubts(self._joiner, standards, standards.believes_one)
+        doubts = Doubts(self._joiner, standards, standards.believes_one, moved)
         sure = doubts.sure_parts(groups)
         for _ in range(MAX_ROUNDS):
             groups = self._joiner.grow(self._counted(sure), standards)
@@ -139,11 +143,11 @@ class Arbiter:
     def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
         return self._joiner.grow((Group.single(scan) for scan in scans), standards)
 
-    def _searched(self, groups: list[Group], standards: Standards) -> list[Group]:
-        """The groups as growing in other orders agrees on them, then grown as far as they go."""
+    def _searched(self, groups: list[Group], standards: Standards) -> tuple[list[Group], set[int]]:
+        """The best groups of several orders, and scans that others put elsewhere as well."""
         search = in_many_orders(groups, self._joiner, standards)
-        sure = self._counted(agreed(search, self._joiner))
-        return tightened(sure, self._joiner, self._settle, standards)
+        best = tightened(search.best, self._joiner, self._settle, standards)
+        return best, elsewhere(search, self._joiner)
 
     def _counted(self, groups: list[Group]) -> list[Group]:
         """The groups with their support, which cutting forgets."""

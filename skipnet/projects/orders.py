@@ -27,9 +27,10 @@ SPREAD = 0.7
 """Standard deviation of the logarithm of the factor by which a join's worth is changed."""
 TAKEN_OUT = (0.2, 0.6)
 """Least and largest share of the scans."""
+ABOUT_AS_GOOD = 0.95
+"""Another order counts that has this share of the best merit, and ..."""
 WORTH_A_DOUBT = 0.25
-"""Another order counts in which less is lost than this share of what agrees with the scans that it
-puts elsewhere."""
+"""... in which less is lost than this share of what agrees with scans that it puts elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -58,21 +59,16 @@ def in_many_orders(groups: Sequence[Group], joiner: Joiner, standards: Standards
     return Search(best, [one for one in found if one is not best])
 
 
-def agreed(search: Search, joiner: Joiner) -> list[Group]:
-    """The best groups without the scans that another order puts elsewhere about as well."""
-    kept: list[Group] = []
+def elsewhere(search: Search, joiner: Joiner) -> set[int]:
+    """Scans of the best groups that another order puts elsewhere about as well."""
     doubtful: set[int] = set()
     for other in search.others:
-        elsewhere = [_moved(group, other, joiner) for group in search.best]
-        at_stake = sum(map(partial(_support, joiner), search.best, elsewhere))
-        if merit(search.best) - merit(other) <= WORTH_A_DOUBT * at_stake:
-            doubtful.update(*elsewhere)
-    for group in search.best:
-        moved = doubtful & set(group.poses)
-        rest = {scan: T for scan, T in group.poses.items() if scan not in moved}
-        kept += [Group.single(scan) for scan in group.scans if scan in moved]
-        kept += [Group(rest)] if rest else []
-    return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
+        moved = [_moved(group, other, joiner) for group in search.best]
+        at_stake = sum(map(partial(_support, joiner), search.best, moved))
+        lost = merit(search.best) - merit(other)
+        if lost <= min(WORTH_A_DOUBT * at_stake, (1 - ABOUT_AS_GOOD) * merit(search.best)):
+            doubtful.update(*moved)
+    return doubtful
 
 
 def _support(joiner: Joiner, group: Group, scans: set[int]) -> float:
