@@ -19,6 +19,9 @@ from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, merit
 from skipnet.projects.ways import Standards, Way
 from skipnet.projects.witness import MIN_OVERLAP, leaders
 
+FEW = 20
+"""Of so many scans all is grown anew; growing more takes longer by the square of their number, so
+it is done the less often, and fewer scans are taken out."""
 FRESH = 12
 """Growths from single scans ..."""
 RENEWED = 36
@@ -51,8 +54,11 @@ def in_many_orders(groups: Sequence[Group], joiner: Joiner, standards: Standards
     """
     rng = np.random.default_rng(0)
     best, found = list(groups), [list(groups)]
-    for attempt in range(FRESH + RENEWED):
-        start = _taken_apart(best, joiner, rng, None if attempt < FRESH else TAKEN_OUT)
+    few = min(1.0, FEW / sum(len(group.poses) for group in groups))
+    fresh = int(FRESH * few**2)
+    shares = few * TAKEN_OUT[0], few * TAKEN_OUT[1]
+    for attempt in range(fresh + RENEWED):
+        start = _taken_apart(best, joiner, rng, None if attempt < fresh else shares)
         grown = joiner.grow(start, standards, _favour(rng))
         found.append(grown)
         best = max(best, grown, key=_rounded)
