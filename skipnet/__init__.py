@@ -1,9 +1,9 @@
 """skipnet: markerless registration of 3D scans.
 
 >>> import skipnet
->>> " ".join(sorted(skipnet.__all__)[:8])
-'Assembly Cloud Prior Project Registration RegistrationConfig SkipMap __version__'
->>> " ".join(sorted(skipnet.__all__)[8:])
+>>> " ".join(sorted(skipnet.__all__)[:9])
+'Assembly Cloud Prior Priors Project Registration RegistrationConfig SkipMap __version__'
+>>> " ".join(sorted(skipnet.__all__)[9:])
 'build_skipmap load_network read_cloud read_points register register_many write_cloud'
 """
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from skipnet.clouds.formats.writing import write_cloud
     from skipnet.networks.catalog import find_network as load_network
     from skipnet.projects.assembly import Assembly
+    from skipnet.projects.priors import Priors
     from skipnet.projects.project import Project
     from skipnet.projects.register import register_many
     from skipnet.registration.options import RegistrationConfig
@@ -32,6 +33,7 @@ __all__ = [
     "Assembly",
     "Cloud",
     "Prior",
+    "Priors",
     "Project",
     "Registration",
     "RegistrationConfig",
@@ -58,6 +60,7 @@ _HOME_OF = {
     "Registration": "skipnet.registration.result",
     "RegistrationConfig": "skipnet.registration.options",
     "Prior": "skipnet.registration.prior",
+    "Priors": "skipnet.projects.priors",
     "SkipMap": "skipnet.skipmap.skipmap",
     "build_skipmap": "skipnet.skipmap.skipmap",
     "load_network": "skipnet.networks.catalog:find_network",

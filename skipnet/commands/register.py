@@ -54,6 +54,13 @@ class RegisterConfig:
     """How far its place may be off; null: three voxels."""
     prior_rotation_std_deg: float | None = None
     """How far its rotation may be off; null: three degrees."""
+    priors: str | None = None
+    """With scans=[...]: a YAML or CSV file of what is believed of them (rough positions, poses,
+    links, non-links): further hypotheses and the order of work, judged and never trusted."""
+    workers: int = 1
+    """With scans=[...]: processes that search pairs; -1: as many as there are processors."""
+    executor: str = "local"
+    """Where these are: local, ray (a Ray cluster of this machine) or ray://host:port."""
     seed: int = 0
     """Seed of every random choice: the same input and seed give the same bits."""
     terminal: Terminal = Terminal.table
@@ -85,6 +92,13 @@ class RegisterConfig:
                 "prior_position_std_m and prior_rotation_std_deg say how far a prior may be off: "
                 "give it with prior=FILE"
             )
+        if not self.scans and (self.priors, self.workers, self.executor) != (None, 1, "local"):
+            raise ValueError("priors, workers and executor are for many scans: give scans=[...]")
+        known = self.executor in ("local", "ray") or self.executor.startswith("ray://")
+        require(known, "executor", self.executor, "local, ray or ray://host:port")
+        require(
+            self.workers == -1 or self.workers >= 1, "workers", self.workers, "1 or more, or -1"
+        )
         for name in ("prior", "source_unit"):
             if self.scans and getattr(self, name) is not None:
                 raise ValueError(f"{name} is for two scans: leave it out with scans=[...]")
@@ -103,7 +117,8 @@ def register(config: RegisterConfig) -> Registration | Assembly:
         FileNotFoundError: an input is missing; said before anything slow is imported.
     """
     pair = [Path(name) for name in (config.source, config.target) if name is not None]
-    for path in pair:
+    beliefs = [] if config.priors is None else [Path(config.priors)]
+    for path in [*pair, *beliefs]:
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file")
     from skipnet.results import files
@@ -123,9 +138,12 @@ def register(config: RegisterConfig) -> Registration | Assembly:
     )
     folder = Path(config.output_dir)
     if config.scans:
+        from skipnet.projects.blocks import Workers
         from skipnet.results.many import register_scan_files
 
-        return register_scan_files(find_scans(config.scans), folder, choices)
+        priors = None if config.priors is None else Path(config.priors)
+        workers = Workers(config.workers, config.executor)
+        return register_scan_files(find_scans(config.scans), folder, choices, priors, workers)
     if pair:
         return files.register_pair_files(pair[0], pair[1], folder, choices)
     return files.register_simulated_pair(folder, choices)

@@ -13,6 +13,8 @@ from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
+from skipnet.projects.orders import elsewhere, in_many_orders
+from skipnet.projects.tightening import Settle, tightened
 from skipnet.projects.ways import Standards, rivals
 from skipnet.types import FloatArray
 
@@ -36,6 +38,13 @@ RELIABLE = 0.9
 """Share of the registered pairs that must hold for pairs to be believed by themselves: it is 1.00
 in a facade, a kitchen and a turntable, and .08 to .75 in most simulated floors of alike rooms. And
 they must make a loop for every two scans: a floor of which few pairs hold is no facade."""
+SAME_PLACE_LIMIT = 0.003
+"""Two scans that share more than strict standards allow stand in one place and see the same free
+space. Where they contradict by more than this nevertheless, they are of two rooms that look alike,
+and pairs cannot be believed by themselves. Alike rooms laid on each other contradict by .006 to .03
+(development seeds), a turntable's neighbours by nothing."""
+HOPELESS = 4.0
+"""A place that one pair refutes by so many limits is not looked at any further."""
 CLEARLY_BETTER = 1.1
 """A place that is worth this many times more than the present one is better."""
 MAX_ROUNDS = 5
@@ -59,8 +68,15 @@ class Decision:
 class Arbiter:
     """Decides which scans belong together."""
 
-    def __init__(self, joiner: Joiner) -> None:
+    def __init__(self, joiner: Joiner, settle: Settle) -> None:
+        """Prepare to decide.
+
+        Args:
+            joiner: knows what pairs proposed.
+            settle: aligns the scans of a group jointly.
+        """
         self._joiner = joiner
+        self._settle = settle
 
     def decide(self, scans: Iterable[int]) -> Decision:
         """Groups from what pairs proposed, and what is in doubt."""
@@ -68,11 +84,15 @@ class Arbiter:
         trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
         strict = self._strict()
         for standards in [*trusting, replace(strict, most_overlap=1.0), strict]:
+            self._joiner.witness.hopeless = HOPELESS * standards.limit
             groups = self._repaired(self._grown(scans, standards), standards)
+            moved: set[int] = set()
+            if standards is strict:
+                groups, moved = self._searched(groups, standards)
             reliability = self.reliability(groups, standards)
-            if reliability >= RELIABLE:
+            if reliability >= RELIABLE and not self._lies_on_another(groups):
                 break
-        doubts = Doubts(self._joiner, standards, standards.believes_one)
+        doubts = Doubts(self._joiner, standards, standards.believes_one, moved)
         sure = doubts.sure_parts(groups)
         for _ in range(MAX_ROUNDS):
             groups = self._joiner.grow(self._counted(sure), standards)
@@ -88,7 +108,8 @@ class Arbiter:
 
     def _strict(self) -> Standards:
         """Strict standards, as far as this set's own registered pairs keep them."""
-        own = [p.violation[0] for p in self._joiner.proposals.values() if p.confidence > 0]
+        sure = [p for p in self._joiner.proposals.values() if p.confidence > 0]
+        own = [p.violation[0] for p in sure if p.overlap[0] <= STRICT.most_overlap]
         noise = NOISE * float(np.quantile(own, BEST_SHARE)) if own else 0.0
         return replace(STRICT, limit=min(max(STRICT.limit, noise), LENIENT.limit))
 
@@ -109,22 +130,28 @@ class Arbiter:
                 refuted += all(way.contradiction > standards.limit for way in own)
         return held / (held + refuted) if held + refuted else 1.0
 
+    def _lies_on_another(self, groups: list[Group]) -> bool:
+        """Whether scans of alike rooms were laid on each other."""
+        for group in groups:
+            for a, b in combinations(group.scans, 2):
+                T = invert(group.poses[a]) @ group.poses[b]
+                overlap, violation = self._joiner.witness.pair(a, b, T[None])[:, 0]
+                if overlap > STRICT.most_overlap and violation > SAME_PLACE_LIMIT:
+                    return True
+        return False
+
     def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
         return self._joiner.grow((Group.single(scan) for scan in scans), standards)
 
+    def _searched(self, groups: list[Group], standards: Standards) -> tuple[list[Group], set[int]]:
+        """The best groups of several orders, and scans that others put elsewhere as well."""
+        search = in_many_orders(groups, self._joiner, standards)
+        best = tightened(search.best, self._joiner, self._settle, standards)
+        return best, elsewhere(search, self._joiner)
+
     def _counted(self, groups: list[Group]) -> list[Group]:
         """The groups with their support, which cutting forgets."""
-        witness = self._joiner.witness
-        return [
-            Group(
-                group.poses,
-                sum(
-                    float(witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0, 0])
-                    for a, b in combinations(group.scans, 2)
-                ),
-            )
-            for group in groups
-        ]
+        return [Group(group.poses, sum(self._joiner.overlaps(group).values())) for group in groups]
 
     def _repaired(self, groups: list[Group], standards: Standards) -> list[Group]:
         """Take out scans that may stand wrong, let the others grow, put them back last."""

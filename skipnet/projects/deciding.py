@@ -3,20 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.arbiter import Decision
+from skipnet.projects.arbiter import Arbiter, Decision
 from skipnet.projects.assembly import Assembly, FinalLink, Place, Word, deviation, numbered
 from skipnet.projects.graph import Balance, Link, closure_m, relative
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.links import settled
-from skipnet.projects.schedule import Outcome, best
+from skipnet.projects.schedule import Outcome, all_proposals, best
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, Status
+
+
+def decide(
+    outcomes: Mapping[PairKey, Sequence[Outcome]], scans: Sequence[Scan], witness: Witness
+) -> tuple[Joiner, Decision]:
+    """What pairs propose, and the groups that come of it.
+
+    Args:
+        outcomes: of every pair that counts.
+        scans: all scans.
+        witness: asks them about poses.
+    """
+    joiner = Joiner(all_proposals(outcomes, scans, witness), witness)
+
+    def settle(group: Group) -> Group:
+        return replace(group, poses=settled(group, scans, joiner)[0].poses)
+
+    return joiner, Arbiter(joiner, settle).decide(range(len(scans)))
 
 
 def assemble(

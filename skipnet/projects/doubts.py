@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
@@ -29,16 +29,24 @@ group."""
 class Doubts:
     """Looks groups over once they have grown."""
 
-    def __init__(self, joiner: Joiner, standards: Standards, is_reliable: bool) -> None:
+    def __init__(
+        self,
+        joiner: Joiner,
+        standards: Standards,
+        is_reliable: bool,
+        moved: Collection[int] = (),
+    ) -> None:
         """Prepare to look.
 
         Args:
             joiner: knows what pairs proposed.
             standards: by which the groups grew.
             is_reliable: whether pairs can be believed by themselves; else more counts as a rival.
+            moved: scans that are known to be in doubt.
         """
         self._joiner = joiner
         self._is_reliable = is_reliable
+        self._moved = frozenset(moved)
         least = standards.rival_support if is_reliable else REMAINING_RIVAL
         self.standards = replace(standards, rival_support=least)
 
@@ -81,7 +89,8 @@ class Doubts:
     def _sure(self, group: Group, groups: list[Group]) -> Group:
         """A group without the scans that would fit elsewhere."""
         others = [g for g in groups if g is not group and len(g.poses) > 1]
-        sure = [s for s in group.scans if not self._is_torn(group, s, others)]
+        sure = [s for s in group.scans if s not in self._moved]
+        sure = [s for s in sure if not self._is_torn(group, s, others)]
         sure = [s for s in sure if not self._has_twin(group, s)]
         if not self._is_reliable:
             moved = exchanged(group, self._joiner, self.standards)
@@ -143,9 +152,5 @@ class Doubts:
 
     def _edges(self, group: Group) -> list[PairKey]:
         """Pairs that see enough of the same."""
-        return [
-            (a, b)
-            for a, b in combinations(group.scans, 2)
-            if self._joiner.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0]
-            >= MIN_OVERLAP
-        ]
+        overlaps = self._joiner.overlaps(group)
+        return [key for key, overlap in overlaps.items() if overlap >= MIN_OVERLAP]

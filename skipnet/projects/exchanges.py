@@ -44,7 +44,7 @@ def exchanged(group: Group, joiner: Joiner, standards: Standards) -> set[int]:
         joiner: knows what pairs proposed.
         standards: what another place must fulfil.
     """
-    takes = {scan: _places_taken(group, scan, joiner, standards) for scan in group.scans}
+    takes = {scan: places_taken(group, scan, joiner, standards) for scan in group.scans}
     reached: dict[int, set[int]] = {}
     for scan in group.scans:
         seen, left = set(), list(takes[scan])
@@ -57,18 +57,24 @@ def exchanged(group: Group, joiner: Joiner, standards: Standards) -> set[int]:
     return {scan for scan in group.scans if scan in reached[scan]}
 
 
-def _places_taken(group: Group, scan: int, joiner: Joiner, standards: Standards) -> set[int]:
-    """Scans whose places would fit one scan about as well as its own, were they not there."""
+def places_taken(
+    group: Group, scan: int, joiner: Joiner, standards: Standards
+) -> dict[int, FloatArray]:
+    """Scans whose places would fit one scan about as well as its own, were they not there.
+
+    Returns:
+        Of each the (4, 4) pose that the scan would have there, in the group's frame.
+    """
     here, others = places(group, scan, joiner)
     rest = group.without(scan)
-    taken = set()
+    taken: dict[int, FloatArray] = {}
     for way in others:
         holder = _most_contradicting(rest, scan, way.T, joiner)
         without = rest.without(holder)
         said = joiner.witness.all_pairs(without.poses, {scan: np.eye(4)}, way.T[None])
         enough = said.support[0] >= standards.rival_support * here.support
         if way.contradiction > standards.limit >= said.contradiction[0] and enough:
-            taken.add(holder)
+            taken.setdefault(holder, way.T)
     return taken
 
 

@@ -6,7 +6,7 @@ contradiction, and where no other way to join them explains the scans about as w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -76,16 +76,28 @@ class Joiner:
         self.witness = witness
         self._known: dict[tuple[bytes, bytes], list[Way]] = {}
 
-    def grow(self, groups: Iterable[Group], standards: Standards) -> list[Group]:
+    def grow(
+        self,
+        groups: Iterable[Group],
+        standards: Standards,
+        favour: Callable[[Way], float] | None = None,
+    ) -> list[Group]:
         """Join groups, the best founded join first, until no join is left that nobody objects to.
 
         The order of the groups does not matter: of equal joins the one of the lowest numbers wins.
+
+        Args:
+            groups: to begin with.
+            standards: what a join must fulfil.
+            favour: factor by which a join counts more than it is worth; None: by what it rests on.
         """
         left = {group.scans[0]: group for group in groups}
-        open_joins = {key: self.decided(*_both(left, key), standards) for key in _pairs(left)}
+        open_joins = {
+            key: self.decided(*_both(left, key), standards, favour) for key in _pairs(left)
+        }
         while True:
             ranked = [
-                (way.rank(standards), -key[0], -key[1])
+                (way.rank(standards, favour), -key[0], -key[1])
                 for key, way in open_joins.items()
                 if way is not None
             ]
@@ -99,15 +111,23 @@ class Joiner:
             del left[key[1]]
             left[key[0]] = joined
             open_joins = {k: way for k, way in open_joins.items() if not {*k} & {*key}} | {
-                k: self.decided(*_both(left, k), standards) for k in _pairs(left) if key[0] in k
+                k: self.decided(*_both(left, k), standards, favour)
+                for k in _pairs(left)
+                if key[0] in k
             }
 
-    def decided(self, first: Group, second: Group, standards: Standards) -> Way | None:
-        """The one way to join two groups, if there is one."""
+    def decided(
+        self,
+        first: Group,
+        second: Group,
+        standards: Standards,
+        favour: Callable[[Way], float] | None = None,
+    ) -> Way | None:
+        """The one way to join two groups, if there is one; or of several the most favoured one."""
         fitting = rivals(self.ways(first, second), standards)
-        if len(fitting) != 1:
+        if not fitting or (len(fitting) > 1 and favour is None):
             return None
-        way = fitting[0]
+        way = max(fitting, key=lambda way: way.rank(standards, favour))
         founded = len(way.voters) > 1 or way.trust > 0
         sizes = sorted((len(first.poses), len(second.poses)))
         if sizes[0] == 1 and not standards.believes_one:
@@ -122,6 +142,15 @@ class Joiner:
         if key not in self._known:
             self._known[key] = self._find_ways(first, second)
         return self._known[key]
+
+    def overlaps(self, group: Group) -> dict[PairKey, float]:
+        """Of each pair of a group the share of their surfaces that agrees."""
+        return {
+            (a, b): float(
+                self.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0, 0]
+            )
+            for a, b in combinations(group.scans, 2)
+        }
 
     def voters(self, group: Group, scan: int) -> frozenset[PairKey]:
         """The pairs that propose the place that a scan has in its group."""
@@ -190,9 +219,9 @@ def join(first: Group, second: Group, way: Way) -> Group:
     return Group({**first.poses, **moved}, first.support + second.support + way.support)
 
 
-def in_order(first: Group, second: Group) -> Sequence[Group]:
+def in_order(first: Group, second: Group) -> tuple[Group, Group]:
     """Two groups as the joiner takes them: by their lowest scan numbers."""
-    return sorted((first, second), key=lambda group: group.scans)
+    return (first, second) if first.scans <= second.scans else (second, first)
 
 
 def merit(groups: Iterable[Group]) -> float:

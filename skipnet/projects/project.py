@@ -9,20 +9,22 @@ from itertools import combinations
 
 from skipnet.checks import as_path, check_seed, require
 from skipnet.networks.catalog import find_network
-from skipnet.projects.arbiter import Arbiter, Decision
+from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Task, Workers, search_tasks
-from skipnet.projects.deciding import assemble
+from skipnet.projects.deciding import assemble, decide
 from skipnet.projects.groups import Joiner
+from skipnet.projects.priors import Priors
 from skipnet.projects.retrieval import worth_searching
-from skipnet.projects.schedule import Outcome, all_proposals, cheap, costly, search
+from skipnet.projects.schedule import Outcome, cheap, costly, search
 from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.pipeline import clean
+from skipnet.registration.prior import Prior
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.scans.describing import common_voxel_size_m, describe
+from skipnet.scans.describing import describe
 from skipnet.scans.given import ScanLike, opened, taken
 from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.scans.store import ScanStore, scan_key
@@ -40,9 +42,7 @@ class Project:
         project = skipnet.Project("out/project")
         for path in paths:
             project.add(path)
-        model = project.solve()
-        project.add(one_more)
-        model = project.solve()  # searches the new pairs only
+        model = project.solve()  # after another project.add it searches the new pairs only
     """
 
     def __init__(
@@ -53,6 +53,7 @@ class Project:
         seed: int = 0,
         config: RegistrationConfig | None = None,
         workers: Workers | None = None,
+        priors: Priors | None = None,
     ) -> None:
         """Begin a project.
 
@@ -64,6 +65,7 @@ class Project:
             seed: of every random choice.
             config: everything else; None takes the defaults.
             workers: who searches the pairs; None: this process.
+            priors: what somebody believes of the scans, by their numbers: judged, never trusted.
 
         Raises:
             ValueError: the voxel size is no length, or other processes have no folder to share.
@@ -71,6 +73,8 @@ class Project:
         check_seed(seed)
         self._workers = Workers() if workers is None else workers
         require(isinstance(self._workers, Workers), "workers", workers, "skipnet.Workers or None")
+        self._priors = Priors() if priors is None else priors
+        require(isinstance(self._priors, Priors), "priors", priors, "skipnet.Priors or None")
         folder = None if folder is None else as_path(folder, "folder")
         if folder is None and not self._workers.is_here:
             raise ValueError(f"{self._workers} without a folder: expected one that they share")
@@ -80,7 +84,7 @@ class Project:
         self._seed = seed
         self._config = as_config(config)
         self._folder = folder
-        self._store = PairStore(None if folder is None else folder / "pairs")
+        self._store = PairStore(folder and folder / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []
         """Scans that have not been described; what has been is let go."""
         self._originals: list[ScanLike] = []
@@ -90,6 +94,9 @@ class Project:
         self._scan_names: list[str] = []
         """Of their files, where there is a folder."""
         self._outcomes: dict[PairKey, list[Outcome]] = {}
+        self._believed: dict[PairKey, Outcome] = {}
+        self.joiner: Joiner | None = None
+        """Once it is solved: what pairs proposed, and what the scans say of it."""
 
     def __len__(self) -> int:
         """How many scans there are."""
@@ -121,29 +128,36 @@ class Project:
         it was interrupted changes the result.
 
         Raises:
-            ValueError: fewer than two scans.
+            ValueError: fewer than two scans, or priors of scans that are not there.
         """
         if len(self) < 2:
             raise ValueError(f"got {len(self)} scans: expected two or more")
+        self._priors.check(len(self))
         tell = progress or (lambda stage, done, of: None)
         clock = Stopwatch()
         with clock("skip-map"):
             self._describe()
         with clock("pairs"):
             keys = list(combinations(range(len(self)), 2))
-            self._search(keys, cheap(self._config), 0, "pairs", tell)
+            hopeful = sorted(keys, key=lambda key: (self._priors.apart_m(key), key))
+            self._search(hopeful, cheap(self._config), 0, "pairs", tell)
         witness = Witness([scan.evidence for scan in self._scans])
+        more = costly(self._config)
+        chosen = sorted(self._priors.linked) if more is not None else []
+        with clock("pairs"):
+            self._search_believed(witness, tell)
+            if more is not None:
+                self._search(chosen, more, 1, "pairs said to overlap", tell)
         with clock("groups"):
-            joiner, decision = self._decide(keys, 1, witness)
-        more, chosen = costly(self._config), []
+            joiner, decision = self._decide(keys, witness, chosen)
         if more is not None and len(decision.groups) > 1:
             with clock("pairs"):
-                chosen = worth_searching(decision, joiner)
+                chosen = sorted({*chosen, *worth_searching(decision, joiner, self._priors)})
                 self._search(chosen, more, 1, "pairs between groups", tell)
             with clock("groups"):
-                joiner, decision = self._decide(keys, 2, witness, chosen)
+                joiner, decision = self._decide(keys, witness, chosen)
         with clock("pose graph"):
-            used = {key: self._outcomes[key] for key in keys}
+            used = {key: self._known(key, 2) for key in keys}
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
         return replace(result, given=tuple(self._originals), described=tuple(self._scans))
 
@@ -158,7 +172,8 @@ class Project:
             self._scans += describe(clouds_m, viewpoints, self.voxel_size_m, self._seed, network)
             self.voxel_size_m = self._scans[0].skipmap.voxel_size_m
         else:
-            size_m = self._fix_voxel_size(clouds_m, SizeStore(self._folder))
+            size_m = SizeStore(self._folder).fixed_m(self.voxel_size_m, clouds_m, self._digests)
+            self.voxel_size_m = size_m
             some = clouds_m, viewpoints, size_m, self._seed, network
             self._scan_names += [
                 scan_key(cloud_m, viewpoint, *some[2:])
@@ -166,15 +181,6 @@ class Project:
             ]
             self._scans += ScanStore(self._folder / "scans").describe(*some)
         self._given.clear()
-
-    def _fix_voxel_size(self, clouds_m: Sequence[Points], store: SizeStore) -> float:
-        """The project's voxel size: given, kept, or chosen now and kept."""
-        if self.voxel_size_m is None:
-            self.voxel_size_m = store.load(self._digests)
-        if self.voxel_size_m is None:
-            self.voxel_size_m = common_voxel_size_m(clouds_m)
-            store.save(self.voxel_size_m, self._digests)
-        return self.voxel_size_m
 
     def _search(
         self,
@@ -197,30 +203,51 @@ class Project:
             search_tasks(tasks, self._folder, config, self._workers)
         for done, key in enumerate(keys):
             tell(stage, done, len(keys))
-            if key not in names:
-                continue
-            outcome = self._store.load(names[key])
-            if outcome is None:
-                target, source = key
-                outcome = search(self._scans[source], self._scans[target], config)
-                self._store.save(names[key], outcome)
-            self._outcomes[key].append(outcome)
+            if key in names:
+                self._outcomes[key].append(self._found(key, config, names[key]))
         tell(stage, len(keys), len(keys))
 
-    def _pair_name(self, key: PairKey, config: RegistrationConfig) -> str:
+    def _search_believed(self, witness: Witness, tell: Progress) -> None:
+        """Search the pairs of which a pose is believed about that pose."""
+        config = cheap(self._config)
+        guesses = self._priors.guesses(2 * max(witness.reach_m))
+        for done, (key, prior) in enumerate(guesses.items()):
+            tell("poses that are believed", done, len(guesses))
+            if key not in self._believed:
+                found = self._found(key, config, self._pair_name(key, config, prior), prior)
+                self._believed[key] = found
+
+    def _found(
+        self, key: PairKey, config: RegistrationConfig, name: str, prior: Prior | None = None
+    ) -> Outcome:
+        """What searching a pair found before, or finds now."""
+        outcome = self._store.load(name)
+        if outcome is None:
+            outcome = search(self._scans[key[1]], self._scans[key[0]], config, prior)
+            self._store.save(name, outcome)
+        return outcome
+
+    def _known(self, key: PairKey, count: int) -> list[Outcome]:
+        """Of a pair the first outcomes, and that of the search about a believed pose."""
+        about = [self._believed[key]] if key in self._believed else []
+        return self._outcomes[key][:count] + about
+
+    def _pair_name(
+        self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
+    ) -> str:
         """Of the file of a search."""
         assert self.voxel_size_m is not None
-        digests = self._digests[key[0]], self._digests[key[1]]
-        return pair_key(digests, self.voxel_size_m, self._seed, config)
+        target, source = (self._digests[scan] for scan in key)
+        return pair_key((target, source), self.voxel_size_m, self._seed, config, prior)
 
     def _decide(
-        self, keys: Sequence[PairKey], depth: int, witness: Witness, more: Sequence[PairKey] = ()
+        self, keys: Sequence[PairKey], witness: Witness, more: Sequence[PairKey]
     ) -> tuple[Joiner, Decision]:
         """Groups from the first outcome of every pair, and from the second of some.
 
         What earlier calls searched more stays out: the same scans give the same result, whether
         they came at once or one by one.
         """
-        some = {key: self._outcomes[key][: depth if key in set(more) else 1] for key in keys}
-        joiner = Joiner(all_proposals(some, self._scans, witness), witness)
-        return joiner, Arbiter(joiner).decide(range(len(self)))
+        some = {key: self._known(key, 2 if key in set(more) else 1) for key in keys}
+        self.joiner, decision = decide(some, self._scans, witness)
+        return self.joiner, decision

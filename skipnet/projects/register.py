@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Workers
+from skipnet.projects.priors import Priors
 from skipnet.projects.project import Progress, Project
 from skipnet.registration.options import RegistrationConfig
 from skipnet.scans.given import ScanLike
@@ -23,6 +24,7 @@ def register_many(
     folder: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
     workers: Workers | None = None,
+    priors: Priors | None = None,
 ) -> Assembly:
     """Bring many scans together, in no order and without a guess, as far as they say for sure.
 
@@ -39,6 +41,8 @@ def register_many(
             on; None: nowhere.
         progress: told about the work as it goes on.
         workers: who searches the pairs; None: this process.
+        priors: what somebody believes of the scans (rough places, known links), by their numbers:
+            further hypotheses and the order of work, judged and never trusted.
 
     Raises:
         ValueError: fewer than two scans, one that is no point cloud, or viewpoints that do not fit.
@@ -52,7 +56,14 @@ def register_many(
         raise ValueError(
             f"got {len(viewpoints)} viewpoints for {len(scans)} scans: expected one each"
         )
-    project = Project(folder, voxel_size_m=voxel_size_m, seed=seed, config=config, workers=workers)
+    project = Project(
+        folder,
+        voxel_size_m=voxel_size_m,
+        seed=seed,
+        config=config,
+        workers=workers,
+        priors=priors,
+    )
     for scan, viewpoint in zip(scans, viewpoints, strict=True):
         project.add(scan, viewpoint)
     return project.solve(progress)

@@ -8,6 +8,7 @@ import numpy as np
 
 from skipnet.projects.arbiter import STRICT, Decision
 from skipnet.projects.groups import Group, Joiner, in_order
+from skipnet.projects.priors import Priors
 from skipnet.projects.ways import PairKey, rivals
 
 PAIRS_PER_JOIN = 2
@@ -16,18 +17,21 @@ SEARCHES_PER_SCAN = 4
 """So many costly searches are made in all, for each scan."""
 
 
-def worth_searching(decision: Decision, joiner: Joiner) -> list[PairKey]:
+def worth_searching(decision: Decision, joiner: Joiner, priors: Priors) -> list[PairKey]:
     """Pairs between groups that no way fits, those first whose proposals were the best.
 
     Args:
         decision: groups so far.
         joiner: knows what pairs proposed.
+        priors: what is believed; pairs that it gives no hope are left out.
     """
+    reach_m = 2 * max(joiner.witness.reach_m)
     chosen: list[tuple[float, PairKey]] = []
     for first, second in combinations(decision.groups, 2):
         if rivals(joiner.ways(*in_order(first, second)), STRICT):
             continue
-        ranked = sorted((-_promise(joiner, key), key) for key in _across(first, second))
+        across = [k for k in _across(first, second) if not priors.is_hopeless(k, reach_m)]
+        ranked = sorted((-_promise(joiner, key), key) for key in across)
         chosen += ranked[:PAIRS_PER_JOIN]
     count = SEARCHES_PER_SCAN * sum(len(group.poses) for group in decision.groups)
     return sorted(key for _, key in sorted(chosen)[:count])

@@ -13,6 +13,7 @@ from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness, leaders
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.pipeline import register_with_finalists
+from skipnet.registration.prior import Prior
 from skipnet.registration.result import Registration
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.scan import Scan
@@ -47,9 +48,11 @@ def costly(config: RegistrationConfig) -> RegistrationConfig | None:
     return replace(config, generators=rest)
 
 
-def search(source: Scan, target: Scan, config: RegistrationConfig) -> Outcome:
+def search(
+    source: Scan, target: Scan, config: RegistrationConfig, prior: Prior | None = None
+) -> Outcome:
     """Register one pair. Neither other pairs nor the order of work change what it finds."""
-    return Outcome(*register_with_finalists(source, target, config, Stopwatch()))
+    return Outcome(*register_with_finalists(source, target, config, Stopwatch(), prior))
 
 
 def proposals(

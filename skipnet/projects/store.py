@@ -15,13 +15,15 @@ from skipnet.projects.schedule import Outcome
 from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
 from skipnet.registration.options import RegistrationConfig
+from skipnet.registration.prior import Prior, PriorCheck
 from skipnet.registration.result import Registration, ScanFacts
+from skipnet.scans.describing import common_voxel_size_m
 from skipnet.scans.scan import AutoAt, Viewpoint
 from skipnet.skipmap.tree import Points, points_of
 from skipnet.storage import read_json, write_text
 from skipnet.types import FloatArray, Status
 
-_KINDS = {kind.__name__: kind for kind in (Outcome, Registration, ScanFacts, Findings)}
+_KINDS = {kind.__name__: kind for kind in (Outcome, Registration, ScanFacts, Findings, PriorCheck)}
 
 
 class PairStore:
@@ -83,6 +85,16 @@ class SizeStore:
         except (FileNotFoundError, ValueError, KeyError, TypeError):
             return None
 
+    def fixed_m(
+        self, given_m: float | None, clouds_m: Sequence[Points], digests: Sequence[str]
+    ) -> float:
+        """The size: given, kept, or chosen now from the scans and kept."""
+        size_m = given_m if given_m is not None else self.load(digests)
+        if size_m is None:
+            size_m = common_voxel_size_m(clouds_m)
+            self.save(size_m, digests)
+        return size_m
+
     def save(self, voxel_size_m: float, digests: Sequence[str]) -> None:
         """Keep it."""
         content = {"voxel_size_m": voxel_size_m, "scans": sorted(digests)}
@@ -98,12 +110,22 @@ def digest(points: Points, viewpoint: Viewpoint) -> str:
 
 
 def pair_key(
-    digests: tuple[str, str], voxel_size_m: float, seed: int, config: RegistrationConfig
+    digests: tuple[str, str],
+    voxel_size_m: float,
+    seed: int,
+    config: RegistrationConfig,
+    prior: Prior | None = None,
 ) -> str:
-    """Of a search: both scans, every option and the version of this package."""
+    """Of a search: both scans, every option, what was believed, the version of this package."""
     options = json.dumps(dataclasses.asdict(config), default=str, sort_keys=True)
-    text = json.dumps([*digests, voxel_size_m, seed, options, __version__])
+    believed = [] if prior is None else [_believed(prior)]
+    text = json.dumps([*digests, voxel_size_m, seed, options, __version__, *believed])
     return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _believed(prior: Prior) -> list[object]:
+    T = np.asarray(prior.T_target_source, dtype=np.float64)
+    return [T.ravel().tolist(), prior.position_std_m, prior.rotation_std_deg]
 
 
 def encoded(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,9 +65,13 @@ class Way:
             and self.closest <= standards.most_overlap
         )
 
-    def rank(self, standards: Standards) -> tuple[int, float]:
-        """Orders joins: more independent proposals first, then what is worth most."""
-        return min(len(self.voters), MANY_VOTES), self.worth(standards)
+    def rank(
+        self, standards: Standards, favour: Callable[[Way], float] | None = None
+    ) -> tuple[float, float]:
+        """Orders joins: more independent proposals first, then what is worth most; or by both as
+        somebody favours them."""
+        votes, worth = min(len(self.voters), MANY_VOTES), self.worth(standards)
+        return (votes, worth) if favour is None else (votes * worth * favour(self), worth)
 
 
 def rivals(ways: Sequence[Way], standards: Standards) -> list[Way]:

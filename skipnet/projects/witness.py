@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skipnet.geometry import invert
+from skipnet.geometry import invert, transform_points
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import FINE
 from skipnet.scans.evidence import Evidence
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 SAMPLES = 10_000
 """Voxels of each scan that are looked at: few contradict a wrong place among alike ones."""
@@ -62,7 +62,9 @@ class Witness:
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
         self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
         self.voxel_size_m = evidence[0].voxel_size_m
-        self._reach_m = [
+        self.hopeless = np.inf
+        """A single pair that contradicts by more ends the matter."""
+        self.reach_m = [
             float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
             for one, centre_m in zip(evidence, self.centres_m, strict=True)
         ]
@@ -85,7 +87,7 @@ class Witness:
         result = np.zeros((2, len(T_target_source)))
         there_m = T_target_source[:, :3, :3] @ self.centres_m[source] + T_target_source[:, :3, 3]
         apart_m = np.linalg.norm(there_m - self.centres_m[target], axis=1)
-        near = np.flatnonzero(apart_m < self._reach_m[target] + self._reach_m[source])
+        near = np.flatnonzero(apart_m < self.reach_m[target] + self.reach_m[source])
         if len(near):
             score = self.judge(target, source).score(T_target_source[near], SURE)
             result[:, near] = score.overlap, score.violation
@@ -99,6 +101,9 @@ class Witness:
     ) -> Testimony:
         """What every scan of one group says of every scan of another.
 
+        Of a candidate that a single pair refutes by more than ``hopeless``, the others are not
+        asked.
+
         Args:
             targets: (4, 4) pose of each scan in its group's frame.
             sources: likewise.
@@ -106,17 +111,45 @@ class Witness:
         """
         support, excess, worst, closest = np.zeros((4, len(T_targets_sources)))
         witnesses = np.zeros(len(T_targets_sources), dtype=np.int64)
-        for a, T_group_a in targets.items():
-            for b, T_group_b in sources.items():
-                T_a_b = invert(T_group_a) @ T_targets_sources @ T_group_b
-                overlap, violation = self.pair(a, b, T_a_b)
-                support += overlap
-                beyond = np.maximum(violation - STRAY_SHARE, 0.0)
-                excess += beyond
-                worst = np.maximum(worst, beyond)
-                witnesses += overlap >= MIN_OVERLAP
-                closest = np.maximum(closest, overlap)
+        for a, b, near in self._meetings(targets, sources, T_targets_sources):
+            rows = np.flatnonzero(near & (worst <= self.hopeless))
+            if not len(rows):
+                continue
+            T_a_b = invert(targets[a]) @ T_targets_sources[rows] @ sources[b]
+            overlap, violation = self.pair(a, b, T_a_b)
+            support[rows] += overlap
+            beyond = np.maximum(violation - STRAY_SHARE, 0.0)
+            excess[rows] += beyond
+            worst[rows] = np.maximum(worst[rows], beyond)
+            witnesses[rows] += overlap >= MIN_OVERLAP
+            closest[rows] = np.maximum(closest[rows], overlap)
         return Testimony(support, excess, worst, witnesses, closest)
+
+    def _meetings(
+        self,
+        targets: Mapping[int, FloatArray],
+        sources: Mapping[int, FloatArray],
+        T_targets_sources: FloatArray,
+    ) -> list[tuple[int, int, BoolArray]]:
+        """Pairs of scans that may see the same, with (C,) in which candidates; the nearest first,
+        which soonest refute a wrong place."""
+        firsts, seconds = list(targets), list(sources)
+        here_m = np.array(
+            [transform_points(targets[a], self.centres_m[a][None])[0] for a in firsts]
+        )
+        there_m = np.array(
+            [transform_points(sources[b], self.centres_m[b][None])[0] for b in seconds]
+        )
+        moved_m = np.einsum("cij,bj->cbi", T_targets_sources[:, :3, :3], there_m)
+        moved_m += T_targets_sources[:, None, :3, 3]
+        apart_m = np.linalg.norm(here_m[:, None, None] - np.swapaxes(moved_m, 0, 1)[None], axis=3)
+        reach_m = np.add.outer(
+            [self.reach_m[a] for a in firsts], [self.reach_m[b] for b in seconds]
+        )
+        near = apart_m < reach_m[..., None]
+        met = np.argwhere(near.any(axis=2))
+        order = np.argsort(apart_m.min(axis=2)[tuple(met.T)], kind="stable")
+        return [(firsts[i], seconds[k], near[i, k]) for i, k in met[order]]
 
 
 def leaders(

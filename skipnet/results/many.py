@@ -25,18 +25,32 @@ from skipnet.viz.lengths import Lengths
 
 if TYPE_CHECKING:
     from skipnet.projects.assembly import Assembly
+    from skipnet.projects.blocks import Workers
 
 SCANS_OUTPUTS = ("poses.json", "scans.png", "report.html")
 MAX_PLANS = 4
 """Groups of which the plan is drawn."""
 
 
-def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choices) -> Assembly:
+def register_scan_files(
+    paths: Sequence[Path],
+    output_dir: Path,
+    choices: Choices,
+    beliefs: Path | None = None,
+    workers: Workers | None = None,
+) -> Assembly:
     """Bring many scans together; write ``SCANS_OUTPUTS`` and a merged cloud of each group.
 
     Pairs are kept in ``output_dir/pairs`` as they are searched: a run that was ended goes on where
     it was. A file may hold several scans. Every scan's viewpoint is the file's or found out; those
     of ``choices`` are for pairs.
+
+    Args:
+        paths: files of scans.
+        output_dir: made when missing; files of an earlier run are replaced.
+        choices: the options.
+        beliefs: file of what somebody believes of the scans.
+        workers: who searches the pairs; None: this process.
 
     Raises:
         FileNotFoundError: an input is missing; nothing has been written.
@@ -47,7 +61,12 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
     tell("reading the scans")
     scans = read_given_scans(paths, choices.unit)
     from skipnet.projects.register import register_many
+    from skipnet.results.beliefs import read_priors
 
+    names_of_scans = [scan.cloud.name for scan in scans]
+    priors = None if beliefs is None else read_priors(beliefs, names_of_scans)
+    if priors is not None:
+        priors.check(len(scans))
     with new_results(output_dir) as folder:
         result = register_many(
             [scan.points_m for scan in scans],
@@ -57,6 +76,8 @@ def register_scan_files(paths: Sequence[Path], output_dir: Path, choices: Choice
             config=choices.registration,
             folder=output_dir,
             progress=tell,
+            workers=workers,
+            priors=priors,
         )
         rows = write_many(scans, result, folder, names, choices)
     announce(str(result), rows, scans, output_dir)

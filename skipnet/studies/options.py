@@ -111,6 +111,8 @@ class ProjectsConfig(SimulatedStudyConfig):
 
     floors: int = 5
     """Of each kind."""
+    peers: bool = False
+    """Whether pairs in a chain, and KISS-Matcher with Open3D's pose graph, are asked too."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

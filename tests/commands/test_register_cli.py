@@ -73,7 +73,9 @@ def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):
     scans, _ = simulate_scans("paper_room", 1, 3, points=40_000)
     for name, scan in zip("abc", scans, strict=True):
         write_cloud(tmp_path / f"{name}.ply", scan.points_m)
-    run = register_py(tmp_path, "scans=[a.ply,b.ply,c.ply]", "output_dir=out")
+    (tmp_path / "gnss.csv").write_text("scan,x_m,y_m,z_m\na.ply,0,0,0\nb.ply,500,0,0\n")
+    given = "scans=[a.ply,b.ply,c.ply]", "priors=gnss.csv", "workers=2", "output_dir=out"
+    run = register_py(tmp_path, *given)
     assert (run.returncode, run.stderr) == (0, "")
     written = {path.name for path in (tmp_path / "out").iterdir()}
     kept = {".skipnet", "pairs", "scans", "voxel_size.json"}
@@ -162,6 +164,10 @@ BAD = {
         ["scans=[scans/a.ply,scans/b.npy]", "source_viewpoint=null"],
         "are for two scans",
     ),
+    "workers of two": (["workers=2"], "priors, workers and executor are for many scans"),
+    "no workers": (["scans=[scans]", "workers=0"], "workers=0: expected 1 or more, or -1"),
+    "no executor": (["scans=[scans]", "executor=dusk"], "executor=dusk: expected local, ray"),
+    "missing priors": (["scans=[scans]", "priors=none.yaml"], "none.yaml: no such file"),
     "one scan": (["scans=[scans/a.ply]"], "holds one scan: expected two or more"),
     "both ways": (["source=a.ply", "target=b.ply", "scans=[a.ply,b.ply]"], "exclude each other"),
     "no flag": (["--fast"], "unrecognized arguments: --fast; options are written option=value"),

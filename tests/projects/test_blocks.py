@@ -41,6 +41,37 @@ def test_a_ray_cluster_gives_the_same_bits(clouds_m, alone, tmp_path):
     assert_same(found, alone)
 
 
+def test_two_ray_nodes_of_which_a_worker_ends_give_the_same_bits(
+    clouds_m, alone, tmp_path, monkeypatch
+):
+    ray = pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    mark = tmp_path / "ended"
+    search_block = blocks.search_block
+
+    def ending_once(tasks, folder, config):
+        if not mark.exists():
+            mark.touch()
+            os._exit(1)
+        return search_block(tasks, folder, config)
+
+    monkeypatch.setattr(blocks, "search_block", ending_once)
+    monkeypatch.setattr(blocks, "PAIRS_PER_BLOCK", 1)
+    ray.shutdown()
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    try:
+        cluster.add_node(num_cpus=1)
+        ray.init(address=cluster.address)
+        assert sum(node["Alive"] for node in ray.nodes()) == 2
+        found = skipnet.register_many(clouds_m, folder=tmp_path, workers=Workers(-1, "ray"))
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert mark.exists()
+    assert_same(found, alone)
+
+
 def test_a_worker_that_ends_loses_a_block_which_is_tried_again(
     clouds_m, alone, tmp_path, monkeypatch
 ):

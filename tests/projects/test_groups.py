@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skipnet.geometry import invert, make_transform, pose_error, random_rotation
+from skipnet.geometry import (
+    invert,
+    make_transform,
+    pose_error,
+    random_rotation,
+    rotation_from_vector,
+)
 from skipnet.projects import witness
 from skipnet.projects.arbiter import Arbiter
 from skipnet.projects.components import components
@@ -15,6 +21,7 @@ from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import exchanged
 from skipnet.projects.groups import Group, Joiner, Proposals
 from skipnet.projects.motions import rival_split
+from skipnet.projects.tightening import tightened
 from skipnet.projects.ways import Standards, rivals
 from skipnet.projects.witness import leaders
 
@@ -81,6 +88,11 @@ class Plan:
         return Proposals(T, overlap, violation, confidence)
 
 
+def as_it_is(group):
+    """Alignment of planted scans, which are where they are."""
+    return group
+
+
 def near(count, reach=2):
     return [(i, j) for i in range(count) for j in range(i + 1, min(i + 1 + reach, count))]
 
@@ -100,8 +112,49 @@ def test_a_confident_wrong_pair_that_others_contradict_joins_nothing():
     halves = [(a + k, b + k) for k in (0, 6) for a, b in near(6)]
     proposals = plan.proposals(halves)
     proposals[0, 11] = plan.proposal((0, 11), [np.eye(4)], 1.0)
-    found = Arbiter(Joiner(proposals, plan)).decide(range(12))
+    found = Arbiter(Joiner(proposals, plan), as_it_is).decide(range(12))
     assert [group.scans for group in found.groups] == [list(range(6)), list(range(6, 12))]
+
+
+class Slipped(Plan):
+    """A place that is some millimetres or milliradians off contradicts a little."""
+
+    def pair(self, target, source, T):
+        found = super().pair(target, source, T)
+        T_true = self.true(target, source)
+        off = [max(pose_error(one, T_true)) > 0.005 for one in T]
+        found[1, (found[0] > 0) & np.array(off)] += 0.0015
+        return found
+
+
+def test_a_join_that_contradicts_only_until_all_are_aligned_is_made():
+    plan = Slipped(6)
+    proposals = plan.proposals([key for key in near(6) if key[1] < 3 or key[0] > 2])
+    slip = make_transform(rotation_from_vector(np.array([0.0, 0.0, 0.008])), np.zeros(3))
+    for a, b in ((2, 3), (2, 4), (1, 3)):
+        T_slid = plan.true(a, 3) @ slip @ plan.true(3, b)
+        proposals[a, b] = plan.proposal((a, b), [T_slid])
+    joiner = Joiner(proposals, plan)
+    halves = joiner.grow(map(Group.single, range(6)), STRICT)
+    assert [group.scans for group in halves] == [[0, 1, 2], [3, 4, 5]]
+
+    def settle(group):
+        return Group({scan: plan.true(group.scans[0], scan) for scan in group.scans})
+
+    groups = tightened(halves, joiner, settle, STRICT)
+    assert [group.scans for group in groups] == [[0, 1, 2, 3, 4, 5]]
+    np.testing.assert_allclose(groups[0].poses[5], plan.true(0, 5), atol=1e-9)
+    left = tightened(halves, joiner, as_it_is, STRICT)
+    assert [group.scans for group in left] == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_scans_of_alike_rooms_that_lie_on_each_other_are_not_believed():
+    plan = Plan(4, alike=[(0, 3)])
+    arbiter = Arbiter(Joiner({}, plan), as_it_is)
+    laid = Group({0: np.eye(4), 1: np.eye(4)})
+    assert arbiter._lies_on_another([laid])  # see the same and contradict
+    assert not arbiter._lies_on_another([Group({0: np.eye(4), 3: np.eye(4)})])
+    assert not arbiter._lies_on_another([Group({s: plan.poses[s] for s in range(4)})])
 
 
 def test_scans_that_see_the_same_where_much_looks_alike_are_in_doubt_and_where_they_fit_is_told():
@@ -113,7 +166,7 @@ def test_scans_that_see_the_same_where_much_looks_alike_are_in_doubt_and_where_t
     for key in ((1, 3), (2, 4), (3, 5)):  # much looks alike here: these are wrong
         astray = plan.true(*key) @ make_transform(np.eye(3), np.ones(3))
         proposals[key] = plan.proposal(key, [astray], 0.9)
-    found = Arbiter(Joiner(proposals, plan)).decide(range(8))
+    found = Arbiter(Joiner(proposals, plan), as_it_is).decide(range(8))
     assert found.reliability < 0.9
     assert [group.scans for group in found.groups] == [[1, 2, 3, 4, 5, 6], [0], [7]]
     assert found.places[0] and found.places[7]
@@ -241,9 +294,12 @@ def test_twins_that_fit_in_each_others_places_are_both_left_out():
 def test_few_pairs_that_all_hold_are_no_proof_that_pairs_can_be_believed():
     plan = Plan(12)
     few = {**plan.proposals(near(12), confidence=0.0), **plan.proposals([(0, 1), (4, 5), (7, 8)])}
-    found = Arbiter(Joiner(few, plan))
+    found = Arbiter(Joiner(few, plan), as_it_is)
     assert found._loops(list(range(12))) == 0
-    assert Arbiter(Joiner(plan.proposals(near(12)), plan))._loops(list(range(12))) == 21 - 12 + 1
+    assert (
+        Arbiter(Joiner(plan.proposals(near(12)), plan), as_it_is)._loops(list(range(12)))
+        == 21 - 12 + 1
+    )
 
 
 def test_components_are_those_that_scipy_finds():

@@ -140,9 +140,9 @@ def counted(monkeypatch):
     asked = []
     search = projects.search
 
-    def counting(source, target, config):
+    def counting(source, target, config, prior):
         asked.append((source, target))
-        return search(source, target, config)
+        return search(source, target, config, prior)
 
     monkeypatch.setattr(projects, "search", counting)
     return asked
