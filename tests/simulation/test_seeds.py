@@ -18,7 +18,7 @@ from skipnet.simulation.seeds import RANGES, SeedRange
 from skipnet.studies import calibration, vigilance
 from skipnet.training.data.options import DataConfig
 from skipnet.training.descriptor_options import DescriptorTrainConfig
-from skipnet.training.experiments import classes_alone, lessons
+from skipnet.training.experiments import class_samples, lessons
 
 SIMULATES = {
     "make_scene",
@@ -90,8 +90,8 @@ def test_studies_stay_inside_their_ranges():
 
 def test_training_stays_inside_its_ranges():
     most = DataConfig(training_scenes=1000, validation_scenes=1000, test_scenes=1000)
-    for name, expected in classes_alone.SEEDS.items():
-        assert all(seed in expected for seed in classes_alone.class_seeds(most, name))
+    for name, expected in class_samples.SEEDS.items():
+        assert all(seed in expected for seed in class_samples.class_seeds(most, name))
     options = DescriptorTrainConfig(training_pairs=1000, validation_pairs=1000, test_pairs=1000)
     for name, expected in lessons.SEEDS.items():
         assert all(seed in expected for seed in lessons._seeds(options, name))

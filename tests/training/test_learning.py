@@ -15,7 +15,7 @@ import torch
 from skipnet.metrics.classes import confusion_matrix, f1_per_class, macro_f1
 from skipnet.parallel.pools import mapping
 from skipnet.training.data.labelled import Labelling, Samples, make_samples, thin
-from skipnet.training.experiments.classes_alone import draw_evenly, split_at_random
+from skipnet.training.experiments.class_samples import draw_evenly, split_at_random
 from skipnet.training.experiments.peers import predict_with_peers
 from skipnet.training.networks.perceptron import (
     Classifier,

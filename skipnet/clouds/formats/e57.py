@@ -89,8 +89,8 @@ def _next(scan: Iterator[Cloud], path: Path) -> Cloud | None:
 def _crs(file: pye57.E57) -> str:
     """The coordinate system that the file names, as text."""
     root = file.root
-    has = root.isDefined("coordinateMetadata")
-    return str(root["coordinateMetadata"].value()).strip() if has else ""
+    name = "coordinateMetadata"
+    return str(root[name].value()).strip() if root.isDefined(name) else ""
 
 
 @contextmanager
@@ -171,8 +171,7 @@ def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
 
 
 def _read_records(file: pye57.E57, header: Any, what: str) -> Iterator[dict[str, np.ndarray]]:
-    """The columns of a scan, a piece at a time and one in any case; as many rows as the header
-    announces, or an error."""
+    """The columns of a scan, a piece at a time and one at least; all rows announced, or an error."""
     from pye57 import libe57
 
     kinds = _kinds(header)
@@ -207,10 +206,8 @@ def _places(table: dict[str, np.ndarray], path: Path) -> FloatArray:
     if not all(name in table for name in _SPHERICAL):
         raise ValueError(f"{path}: a scan has neither cartesian nor spherical coordinates")
     range_m, azimuth, elevation = (table[name] for name in _SPHERICAL)
-    across_m = range_m * np.cos(elevation)
-    return stacked(
-        [across_m * np.cos(azimuth), across_m * np.sin(azimuth), range_m * np.sin(elevation)]
-    )
+    across_m, up_m = range_m * np.cos(elevation), range_m * np.sin(elevation)
+    return stacked([across_m * np.cos(azimuth), across_m * np.sin(azimuth), up_m])
 
 
 def _colour(table: dict[str, np.ndarray], header: Any) -> IntArray | None:

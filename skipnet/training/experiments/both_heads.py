@@ -29,7 +29,8 @@ from skipnet.storage import write_config, write_text
 from skipnet.training import reports
 from skipnet.training.data.labelled import Samples
 from skipnet.training.descriptor_options import DescriptorTrainConfig
-from skipnet.training.experiments.classes_alone import check_settings, class_labelling
+from skipnet.training.experiments.class_samples import class_labelling
+from skipnet.training.experiments.classes_alone import check_settings
 from skipnet.training.experiments.lessons import Sets, Unseen, make_sets, make_unseen
 from skipnet.training.networks.cyclic import DescriptorNetwork, Widths
 from skipnet.training.networks.perceptron import Classifier, classify, round_to_half
@@ -72,7 +73,6 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         write_config(config, folder / "config.yaml")  # of the run that was gone on with
         trained_s = time.perf_counter()
         card = make_card(config, sets.lessons, outcome)
-        tell("judging")
         path = folder / "descriptor.npz"
         save_network(weights, card, path)
         descriptor = load_network(path)  # judged as it will be used: rounded

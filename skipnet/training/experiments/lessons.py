@@ -11,7 +11,7 @@ from skipnet.simulation.seeds import DESCRIPTOR_TEST, DESCRIPTOR_VALIDATION, TRA
 from skipnet.training.data.labelled import Samples, make_samples
 from skipnet.training.data.pairs import make_patch_pairs, make_scans
 from skipnet.training.descriptor_options import DescriptorTrainConfig
-from skipnet.training.experiments.classes_alone import class_labelling, class_seeds
+from skipnet.training.experiments.class_samples import class_labelling, class_seeds
 from skipnet.training.options import TrainConfig
 from skipnet.training.tasks.classes import sample_weights
 from skipnet.training.tasks.descriptor import Lessons
