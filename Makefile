@@ -66,7 +66,7 @@ $(PY):
 $(VENV)/.ready: pyproject.toml | $(PY)
 	@$(apt_install)
 	echo "2 of 3: skipnet and what it needs (PyTorch, Open3D and others: one to two gigabytes, some minutes)"
-	$(PY) -m pip install --quiet -e .
+	$(PY) -m pip install -qq -e '.[formats]'
 	echo "3 of 3: Debian's libraries for Open3D, where they are missing"
 	$(PY) -c 'import open3d' 2>/dev/null || apt_install $(APT_LIBRARIES)
 	$(PY) -c 'import open3d'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import sys
 from difflib import get_close_matches
 from numbers import Integral
@@ -57,22 +58,34 @@ def _of_file(option: str, path: str) -> Any:
     file, _, name = path.rpartition(":")
     if not Path(file).is_file():
         raise FileNotFoundError(f"{file}: no such file, for {option}={path}")
-    specification = importlib.util.spec_from_file_location(Path(file).stem, file)
+    # Known by its whole path, lest it stand for another module that is called like the file.
+    known_as = f"{Path(file).stem} of {Path(file).resolve().parent}"
+    specification = importlib.util.spec_from_file_location(known_as, file)
     if specification is None or specification.loader is None:
         raise ValueError(f"{option}={path}: expected FILE.py:NAME")
     module = importlib.util.module_from_spec(specification)
-    # Known by its name, so that what it makes can be sent to other processes.
-    sys.modules.setdefault(specification.name, module)
+    sys.modules[known_as] = module  # so that what it makes can be sent to other processes
     specification.loader.exec_module(module)
     if not hasattr(module, name):
         raise ValueError(f"{option}={path}: {file} has no {name}")
     return getattr(module, name)
 
 
+def as_path(given: object, what: str) -> Path:
+    """A path of what names one.
+
+    Raises:
+        ValueError: something else was given.
+    """
+    if not isinstance(given, str | bytes | os.PathLike):
+        raise ValueError(f"{what}={given!r}: expected a path")
+    return Path(os.fsdecode(given))
+
+
 def check_known(option: str, given: str, known: tuple[str, ...]) -> None:
     """Raise a ValueError with the nearest choice for one that does not exist."""
     if given not in known:
-        near = get_close_matches(given, known, n=1)
+        near = get_close_matches(str(given), known, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         raise ValueError(f"{option}={given}: {hint}expected one of {', '.join(known)}")
 

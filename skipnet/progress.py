@@ -7,11 +7,12 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from enum import Enum
-from typing import TextIO
+from typing import TextIO, TypeVar
 
+_Item = TypeVar("_Item")
 Listener = Callable[[str, int, int], None]
 """Told a stage, how much of it is done and how much there is; 0 of 0 where nobody knows."""
 
@@ -39,6 +40,14 @@ def tell(stage: str, done: int = 0, of: int = 0) -> None:
     """Say what is being done, and how much of how much of it."""
     for listener in _listeners:
         listener(stage, done, of)
+
+
+def counted(stage: str, items: Iterable[_Item], of: int) -> Iterator[_Item]:
+    """The items as they come, each told."""
+    tell(stage, 0, of)
+    for done, item in enumerate(items, start=1):
+        tell(stage, done, of)
+        yield item
 
 
 def say(line: str) -> None:
@@ -187,11 +196,12 @@ class _Bar:
         count = f" {stage} {done}/{of}" if of else ""
         detail = "compiling loops, once per machine" if self.compiling else self._stage
         left_s = elapsed_s * (of - done) / done if of and 0 < done < of else 0
-        left = f", about {_duration(left_s)} left" if left_s else ""
+        left = f", about {in_words(left_s)} left" if left_s else ""
         parts = f"{count} {detail}".rstrip()
-        return f"{self._title} [{marks if of else moving}]{parts} {_duration(elapsed_s)}{left}"
+        return f"{self._title} [{marks if of else moving}]{parts} {in_words(elapsed_s)}{left}"
 
 
-def _duration(time_s: float) -> str:
+def in_words(time_s: float) -> str:
     """Seconds, or minutes and seconds."""
-    return f"{time_s:.0f} s" if time_s < 100 else f"{time_s // 60:.0f} min {time_s % 60:02.0f} s"
+    minutes, seconds = divmod(round(time_s), 60)
+    return f"{round(time_s)} s" if time_s < 99.5 else f"{minutes} min {seconds:02} s"

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from skipnet.commands import hydra_app
+from skipnet.progress import tell
 from skipnet.training.options import NetworkKind, TrainConfig
 
 
 def train(config: TrainConfig) -> dict[str, Any]:
     """Run the experiment that ``config`` describes, print its table and return its summary."""
+    tell("loading PyTorch")
     if config.network is NetworkKind.two_heads:
         from skipnet.training.experiments.both_heads import train_both_heads as run_experiment
     elif config.network is NetworkKind.deep:

@@ -67,6 +67,14 @@ class Model(Protocol):
         """
 
 
+def sentence(digest: str, card: Mapping[str, Any]) -> str:
+    """What a network is, for a person."""
+    learned = card.get("training_data", {})
+    pairs = learned.get("pairs_of_scans", learned.get("numbers"))
+    of = f", learned from {pairs:,} pairs of simulated scans" if pairs else ""
+    return f"{digest}{of}"
+
+
 def digest_of(weights: Mapping[str, FloatArray]) -> str:
     """Hash of named weights, whatever their order: 16 hexadecimal digits."""
     sha = hashlib.sha256()

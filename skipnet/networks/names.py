@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from skipnet.checks import suggestion
@@ -30,11 +31,13 @@ def weights_file(network: str, option: str = "network") -> Path:
     Raises:
         ValueError: neither a name nor a file that exists.
     """
+    if not isinstance(network, str | os.PathLike):
+        raise ValueError(f"{option}={network!r}: expected a name or the path of a file")
     if network == SHIPPED:
         return SHIPPED_WEIGHTS
     if network in names():
         return _WEIGHTS / f"{network}.npz"
     if Path(network).is_file():
         return Path(network)
-    expected = suggestion(network, names())
+    expected = suggestion(str(network), names())
     raise ValueError(f"{option}={network}: no such network or file{expected}, or a file's path")

@@ -19,7 +19,7 @@ import numpy as np
 
 from skipnet.features.cylinders import SECTOR_SIZE, SECTORS, cylinder_patches, turned_over
 from skipnet.features.patches import PATCH_SIZE
-from skipnet.networks.model import digest_of
+from skipnet.networks.model import digest_of, sentence
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -45,7 +45,7 @@ MEAN_GAIN, PLANE_GAIN = np.sqrt(np.array([SECTORS, SECTORS / 2], dtype=np.float3
 """Lengths that make products of waves of unit length out of a cyclic correlation."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SmallNetwork:
     """The small network at work: a ``Model``.
 
@@ -87,6 +87,10 @@ class SmallNetwork:
     def digest(self) -> str:
         """See ``Model``."""
         return digest_of(self.weights)
+
+    def __repr__(self) -> str:
+        """Not its weights."""
+        return f"<{type(self).__name__} {sentence(self.digest, self.card)}>"
 
     def cut(self, skipmap: SkipMap, rows: IntArray) -> FloatArray:
         """(K, 5, 100) cylinders around (K,) voxels."""

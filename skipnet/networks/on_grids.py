@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from skipnet.features.grids import GRID_SHAPE, cylinder_grids, turned_over
-from skipnet.networks.model import digest_of
+from skipnet.networks.model import digest_of, sentence
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -29,6 +29,10 @@ class OnGrids:
     def digest(self) -> str:
         """See ``Model``."""
         return digest_of(self.weights)
+
+    def __repr__(self) -> str:
+        """Not its weights."""
+        return f"<{type(self).__name__} {sentence(self.digest, self.card)}>"
 
     def cut(self, skipmap: SkipMap, rows: IntArray) -> FloatArray:
         """(K, 2, 8, 6, 16, 7) grids around (K,) voxels."""

@@ -6,9 +6,8 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
-from skipnet.checks import check_seed
+from skipnet.checks import as_path, check_seed, require
 from skipnet.networks.catalog import find_network
 from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly
@@ -72,8 +71,11 @@ class Project:
             ValueError: the voxel size is no length, or other processes have no folder to share.
         """
         check_seed(seed)
-        self._workers = workers or Workers()
-        self._priors = priors or Priors()
+        self._workers = Workers() if workers is None else workers
+        require(isinstance(self._workers, Workers), "workers", workers, "skipnet.Workers or None")
+        self._priors = Priors() if priors is None else priors
+        require(isinstance(self._priors, Priors), "priors", priors, "skipnet.Priors or None")
+        folder = None if folder is None else as_path(folder, "folder")
         if folder is None and not self._workers.is_here:
             raise ValueError(f"{self._workers} without a folder: expected one that they share")
         if voxel_size_m is not None:
@@ -81,8 +83,8 @@ class Project:
         self.voxel_size_m = voxel_size_m
         self._seed = seed
         self._config = as_config(config)
-        self._folder = None if folder is None else Path(folder)
-        self._store = PairStore(self._folder and self._folder / "pairs")
+        self._folder = folder
+        self._store = PairStore(folder and folder / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []
         """Scans that have not been described; what has been is let go."""
         self._originals: list[ScanLike] = []
@@ -94,7 +96,7 @@ class Project:
         self._outcomes: dict[PairKey, list[Outcome]] = {}
         self._believed: dict[PairKey, Outcome] = {}
         self.joiner: Joiner | None = None
-        """Once it is solved: what pairs proposed, and what the scans say of it."""
+        """What pairs proposed, once it is solved."""
 
     def __len__(self) -> int:
         """How many scans there are."""
@@ -189,20 +191,16 @@ class Project:
         tell: Progress,
     ) -> None:
         """Search the pairs of which less than ``position`` + 1 outcomes are known."""
-        names = {
-            key: self._pair_name(key, config)
-            for key in keys
-            if len(self._outcomes.setdefault(key, [])) <= position
-        }
+        new = [key for key in keys if len(self._outcomes.setdefault(key, [])) <= position]
         if self._folder is not None and not self._workers.is_here:
             tell(stage, 0, len(keys))
             scan = self._scan_names
-            tasks = [Task(scan[key[0]], scan[key[1]], name) for key, name in names.items()]
+            tasks = [Task(scan[k[0]], scan[k[1]], self._pair_name(k, config)) for k in new]
             search_tasks(tasks, self._folder, config, self._workers)
         for done, key in enumerate(keys):
             tell(stage, done, len(keys))
-            if key in names:
-                self._outcomes[key].append(self._found(key, config, names[key]))
+            if len(self._outcomes[key]) <= position:
+                self._outcomes[key].append(self._found(key, config))
         tell(stage, len(keys), len(keys))
 
     def _search_believed(self, witness: Witness, tell: Progress) -> None:
@@ -212,13 +210,13 @@ class Project:
         for done, (key, prior) in enumerate(guesses.items()):
             tell("poses that are believed", done, len(guesses))
             if key not in self._believed:
-                found = self._found(key, config, self._pair_name(key, config, prior), prior)
-                self._believed[key] = found
+                self._believed[key] = self._found(key, config, prior)
 
     def _found(
-        self, key: PairKey, config: RegistrationConfig, name: str, prior: Prior | None = None
+        self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
     ) -> Outcome:
         """What searching a pair found before, or finds now."""
+        name = self._pair_name(key, config, prior)
         outcome = self._store.load(name)
         if outcome is None:
             outcome = search(self._scans[key[1]], self._scans[key[0]], config, prior)

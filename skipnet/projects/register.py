@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Workers
@@ -47,8 +47,9 @@ def register_many(
     Raises:
         ValueError: fewer than two scans, one that is no point cloud, or viewpoints that do not fit.
     """
-    if isinstance(scans, (str, os.PathLike)):
+    if isinstance(scans, str | os.PathLike) or not isinstance(scans, Iterable):
         raise ValueError(f"scans={scans!s}: expected two or more in a list")
+    scans = list(scans)
     if viewpoints is None:
         viewpoints = ["auto"] * len(scans)
     if len(viewpoints) != len(scans):

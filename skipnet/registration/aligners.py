@@ -10,12 +10,13 @@ import numpy as np
 from skipnet.registration.alignment.refinement import Refinement, refine
 from skipnet.registration.alignment.sparse import finish_sparse, refine_sparse
 from skipnet.registration.alignment.thin_planes import lay_on_planes
+from skipnet.registration.contenders import Contenders
 from skipnet.registration.judging.judge import HOPELESS, Judge
 from skipnet.registration.judging.likeness import odd_share
-from skipnet.registration.judging.score import ROUGH, Score
+from skipnet.registration.judging.score import ROUGH
 from skipnet.registration.judging.sliding import holds, is_weak, slide
 from skipnet.scans.scan import Scan
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import FloatArray
 
 MIN_POLISHED = 0.85
 """A final fine alignment that leaves the best pose less than this share of its score is undone."""
@@ -33,9 +34,6 @@ MAX_STEPS = 5
 """Of each candidate's first alignment, at each level."""
 
 Aligner = Union["DenseAligner", "SparseAligner"]
-Prepared = tuple[IntArray, Refinement, FloatArray, Score]
-"""(K,) rows of the candidates that remain, their alignment, their (K, 4, 4) poses after it, which
-slides may have moved, and the judge's figures for these."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +43,18 @@ class DenseAligner:
     source: Scan
     target: Scan
     judge: Judge
+    samples: int
+    """Voxels of the source with which candidates are refined."""
     is_sparse = False
 
-    def prepare(self, start: FloatArray, samples: int) -> Prepared:
-        """Refine (C, 4, 4) candidates a little, with so many voxels of the source."""
-        fine = _refine_roughly(start, self.source, self.target, samples)
-        T, score = self._slide(fine, self.judge.score(fine.T_target_source))
-        return np.arange(len(start)), fine, T, score
+    def prepare(self, coarse: FloatArray, start: FloatArray, rival_total: float) -> Contenders:
+        """Refine candidates a little, from (C, 4, 4) ``start``; they were proposed as ``coarse``.
+
+        What scores far less than what is in the running already is not slid.
+        """
+        fine = _refine_roughly(start, self.source, self.target, self.samples)
+        score = self.judge.score(fine.T_target_source)
+        return self._slid(Contenders(coarse, fine, fine.T_target_source, score), rival_total)
 
     def finish(self, best: Refinement, T_target_source: FloatArray, total: float) -> Refinement:
         """The final fine alignment of one pose, undone if the judge likes its result less.
@@ -90,16 +93,17 @@ class DenseAligner:
             return False
         return bool(judge.decisiveness(best, T_target_source[None])[0] > MIN_MIRRORED)
 
-    def _slide(self, fine: Refinement, score: Score) -> tuple[FloatArray, Score]:
-        """The poses, the best of them moved along their weak directions, and new scores."""
-        T = fine.T_target_source.copy()
-        rows = self.judge.distinct(T, score)[:SLIDING_FINALISTS]
-        for row in rows[score.total[rows] >= WORTH_SLIDING * score.total[rows[0]]]:
+    def _slid(self, aligned: Contenders, rival_total: float) -> Contenders:
+        """The best of them moved along their weak directions, with new scores."""
+        fine, total, T = aligned.fine, aligned.score.total, aligned.T_target_source.copy()
+        rows = self.judge.distinct(T, aligned.score)[:SLIDING_FINALISTS]
+        for row in rows[total[rows] >= WORTH_SLIDING * max(aligned.best_total, rival_total)]:
             share, directions = holds(fine.information[row], fine.matched[row])
             for direction in directions[is_weak(share, fine.matched[row])]:
                 T[row] = slide(T[row], direction, self.judge)
         slid = (fine.T_target_source != T).any()
-        return T, self.judge.score(T) if slid else score
+        score = self.judge.score(T) if slid else aligned.score
+        return replace(aligned, T_target_source=T, score=score)
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,8 @@ class SparseAligner:
     source: Scan
     target: Scan
     judge: Judge
+    samples: int
+    """Voxels of the source with which candidates are refined before GICP."""
     is_sparse = True
 
     def odd_share(self, T_target_source: FloatArray) -> float:
@@ -119,15 +125,20 @@ class SparseAligner:
         """Likewise."""
         return False
 
-    def prepare(self, start: FloatArray, samples: int) -> Prepared:
-        """Refine (C, 4, 4) candidates a little, the best few of them by GICP."""
+    def prepare(self, coarse: FloatArray, start: FloatArray, rival_total: float) -> Contenders:
+        """Refine candidates a little, from (C, 4, 4) ``start``; they were proposed as ``coarse``.
+
+        The best few are aligned by GICP, but none that scores far less than what is in the running
+        already.
+        """
         judge, voxel_size_m = self.judge, self.judge.voxel_size_m
-        fine = _refine_roughly(start, self.source, self.target, samples)
+        fine = _refine_roughly(start, self.source, self.target, self.samples)
         rough = judge.score(fine.T_target_source, ROUGH)
         rows = judge.distinct(fine.T_target_source, rough)[:SPARSE_FINALISTS]
-        rows = rows[rough.total[rows] >= HOPELESS * rough.total.max()]
+        rows = rows[rough.total[rows] >= HOPELESS * max(rough.total.max(), rival_total)]
         fine = refine_sparse(fine[rows], self.source.thinned, self.target.thinned, voxel_size_m)
-        return rows, fine, fine.T_target_source, judge.score(fine.T_target_source)
+        score = judge.score(fine.T_target_source)
+        return Contenders(coarse[rows], fine, fine.T_target_source, score)
 
     def finish(self, best: Refinement, T_target_source: FloatArray, total: float) -> Refinement:
         """The final fine alignment of one prepared pose; nothing slid it, and its score stays."""

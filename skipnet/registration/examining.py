@@ -11,7 +11,7 @@ from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import seen_again
-from skipnet.registration.judging.score import STRAY_SHARE, Score
+from skipnet.registration.judging.score import CHANCE_SCORE, STRAY_SHARE, Score
 from skipnet.registration.judging.sliding import (
     MIN_DETERMINED,
     holds,
@@ -53,8 +53,6 @@ MORE_MISMATCH = 0.03
 situations in development no registered right pose has such a rival with more than a quarter of its
 support; stairs and rows of trailers have 0.68 and more."""
 SAME_TURN_COSINE = float(np.cos(0.05))
-CHANCE_SCORE = 0.05
-"""What some pose always scores: a lead counts against this, though no rival be found."""
 MIN_THICKNESS_VOXELS = 0.5
 """A scan whose voxels scatter by less about their plane is that plane."""
 MIN_SPARSE_HOLD = 6.0
@@ -169,10 +167,10 @@ def _repeats(
     Steps, bays, trailers in a row, the sides of a pedestal: the pose that lays most on most is the
     one that brings both sensors to the same place of the pattern, not the right one.
     """
-    clean = score.contradiction[rivals] <= score.contradiction[first] + STRAY_SHARE
+    most = score.contradiction[first] + STRAY_SHARE
     share = REPEATED_ON_MAP if judge.blind > MAX_BLIND else REPEATED_SCORE
     least = max(share * score.total[first], REPEATED_TOTAL)
-    repeated: BoolArray = clean & (score.total[rivals] >= least)
+    repeated: BoolArray = (score.contradiction[rivals] <= most) & (score.total[rivals] >= least)
     for row in np.flatnonzero(repeated):
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])
     return repeated

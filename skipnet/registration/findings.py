@@ -26,6 +26,8 @@ FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
 """What the confidence is made of."""
 FIRMLY_HELD_VOXELS = 99.0
 """More than this says nothing more."""
+MOST_HELD = float(np.log10(1 + FIRMLY_HELD_VOXELS))
+"""The most that the feature "held" can be."""
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,8 @@ def _from_network(
 
 
 def _from_fpfh(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
-    found = mutual_nearest(source.histograms, target.histograms)
+    described = side_by_side(lambda scan: scan.histograms, (source, target))
+    found = mutual_nearest(*described)
     return _from_matches(source, target, found, config)
 
 

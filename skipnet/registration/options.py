@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from numbers import Integral, Real
 
 from skipnet.checks import check_known, require
 from skipnet.networks.names import DEEP, SHIPPED, weights_file
@@ -66,7 +68,8 @@ class RegistrationConfig:
 
     def __post_init__(self) -> None:
         require(bool(self.generators), "generators", self.generators, "at least one generator")
-        known = all(isinstance(generator, Generator) for generator in self.generators)
+        are_some = isinstance(self.generators, Sequence)
+        known = are_some and all(isinstance(generator, Generator) for generator in self.generators)
         require(known, "generators", self.generators, "members of Generator")
         weights_file(self.network, "network")
         if Generator.deep in self.generators:
@@ -74,12 +77,17 @@ class RegistrationConfig:
         check_known("device", self.device, ("cpu", "cuda", "mps"))
         for name in ("denoise_sigma", "feature_weight", "violation_weight"):
             value = getattr(self, name)
-            require(0 <= value < math.inf, name, value, "a number of 0 or more")
+            is_number = isinstance(value, Real) and 0 <= float(value) < math.inf
+            require(is_number, name, value, "a number of 0 or more")
         require(self.feature_weight > 0, "feature_weight", self.feature_weight, "above 0")
         for name in ("max_correspondences", "refine_samples", "final_samples"):
-            require(getattr(self, name) >= 50, name, getattr(self, name), "50 or more")
-        neighbours = self.denoise_neighbours
-        require(neighbours >= 1, "denoise_neighbours", neighbours, "1 or more")
+            _require_whole(name, getattr(self, name), 50)
+        _require_whole("denoise_neighbours", self.denoise_neighbours, 1)
+
+
+def _require_whole(option: str, value: object, least: int) -> None:
+    is_whole = isinstance(value, Integral) and int(value) >= least
+    require(is_whole, option, value, f"a whole number of {least} or more")
 
 
 def as_config(config: RegistrationConfig | None) -> RegistrationConfig:

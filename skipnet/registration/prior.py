@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +46,8 @@ class Prior:
             raise ValueError("prior: is no rigid motion: expected a rotation and a translation")
         for name in ("position_std_m", "rotation_std_deg"):
             value = getattr(self, name)
-            require(value is None or 0 <= value < math.inf, name, value, "0 or more, or None")
+            is_number = isinstance(value, Real) and 0 <= float(value) < math.inf
+            require(value is None or is_number, name, value, "0 or more, or None")
 
 
 @dataclass(frozen=True)

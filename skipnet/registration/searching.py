@@ -5,15 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.registration.aligners import Aligner
 from skipnet.registration.answer import Answer
+from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import BLIND_BOTH
 from skipnet.registration.generators import propose
 from skipnet.registration.hypotheses.repeats import from_repeats
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.options import Generator, RegistrationConfig
-from skipnet.registration.settling import settle
+from skipnet.registration.settling import aligner_of, enter, realigned, settle
 from skipnet.registration.stopwatch import Stopwatch
+from skipnet.registration.verdict import may_be_registered
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, Status
 
@@ -40,13 +43,14 @@ def search(
         evidence_s, evidence_t = (
             scan.valued_evidence(config.feature_weight) for scan in (source, target)
         )
-    answer = Answer.none()
     if min(len(source.skipmap), len(target.skipmap)) == 0:
-        return answer
+        return Answer.none()
     judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
+    aligner = aligner_of(source, target, judge, config.refine_samples)
+    running, answer = Contenders.none(), None
     for generator in config.generators:
-        if is_enough(answer, generator):
+        if answer is not None and is_enough(answer, generator):
             break
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)
@@ -54,16 +58,20 @@ def search(
             fresh = judge.shortlist(_joined(guesses, hypotheses.T_target_source))
             guesses = None
         with clock("fine alignment"):
-            answer = settle(answer, fresh, source, target, judge, config)
-    return _with_repeats(answer, source, target, judge, config, clock)
+            before, running, answer = len(running), enter(running, fresh, aligner), None
+            if may_be_registered(running.score, judge.blind):
+                running = realigned(running, aligner) if before else running
+                answer = settle(running, aligner)
+    if answer is None:  # no pose can be registered: which is the best one, and why not?
+        with clock("fine alignment"):
+            return settle(running, aligner)
+    return _with_repeats(answer, running, aligner, clock)
 
 
 def _with_repeats(
     answer: Answer,
-    source: Scan,
-    target: Scan,
-    judge: Judge,
-    config: RegistrationConfig,
+    running: Contenders,
+    aligner: Aligner,
     clock: Stopwatch,
 ) -> Answer:
     """The answer after a look at what repeats: generators propose what agrees most, and where a
@@ -75,7 +83,7 @@ def _with_repeats(
     found, registered = answer.findings, answer.verdict.status is Status.REGISTERED
     if not registered or found is None or found.blind > BLIND_BOTH:
         return answer
-    best = answer.T_target_source
+    best, judge = answer.T_target_source, aligner.judge
     with clock("hypotheses"):
         hypotheses = from_repeats(best, judge.source, judge.target)
     with clock("verification"):
@@ -83,7 +91,7 @@ def _with_repeats(
     if len(fresh) == 0:
         return answer
     with clock("fine alignment"):
-        return settle(answer, fresh, source, target, judge, config)
+        return settle(realigned(enter(running, fresh, aligner), aligner), aligner)
 
 
 def _joined(guesses: FloatArray | None, proposed: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""From candidates to an answer: align, judge again, slide, align finely, decide."""
+"""From candidates to an answer: align, judge again, slide; then align the best finely, decide."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
+from skipnet.registration.contenders import Contenders
 from skipnet.registration.examining import AMBIGUOUS_MARGIN, find_out, held_voxels
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
-from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.verdict import decide
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, IntArray
@@ -25,34 +25,42 @@ COMPARED = 6
 CLOSE_MARGIN = 0.5
 """A best pose that leads by less is compared with its rivals more strictly."""
 FINALISTS = 10
-"""Distinct poses that stay in the running when the next generator is asked."""
+"""Poses that stay in the running when the next generator is asked."""
 
 
-def settle(
-    before: Answer,
-    fresh: FloatArray,
-    source: Scan,
-    target: Scan,
-    judge: Judge,
-    config: RegistrationConfig,
-) -> Answer:
-    """Refine the candidates a little, judge them again with all evidence, and decide.
+def aligner_of(source: Scan, target: Scan, judge: Judge, samples: int) -> Aligner:
+    """What aligns two scans finely, candidates with so many voxels; scans of few lines take
+    GICP."""
+    is_sparse = source.is_sparse or target.is_sparse
+    return (SparseAligner if is_sparse else DenseAligner)(source, target, judge, samples)
+
+
+def enter(running: Contenders, fresh: FloatArray, aligner: Aligner) -> Contenders:
+    """Align (C, 4, 4) fresh candidates a little; the best distinct ones of all are in the running.
 
     Args:
-        before: the answer so far; its best poses stay in the running.
-        fresh: (C, 4, 4) new candidates.
-        source: the source scan.
-        target: the target scan.
-        judge: of both.
-        config: how many samples to align with.
+        running: those before, aligned already; the best few of them stay.
+        fresh: new candidates.
+        aligner: of both scans.
     """
-    coarse = np.concatenate([before.coarse, fresh])
-    if len(coarse) == 0:
-        return before
-    is_sparse = source.is_sparse or target.is_sparse
-    aligner: Aligner = (SparseAligner if is_sparse else DenseAligner)(source, target, judge)
-    start = np.concatenate([before.finalists, fresh])
-    rows, fine, T, score = aligner.prepare(start, config.refine_samples)
+    if len(fresh) == 0:
+        return running
+    everyone = running[:FINALISTS].joined(aligner.prepare(fresh, fresh, running.best_total))
+    return everyone[aligner.judge.distinct(everyone.T_target_source, everyone.score)]
+
+
+def realigned(running: Contenders, aligner: Aligner) -> Contenders:
+    """All of them aligned once more, from where they are: what is right stays, or comes nearer, and
+    so does what can rival it."""
+    again = aligner.prepare(running.coarse, running.T_target_source, 0.0)
+    return again[aligner.judge.distinct(again.T_target_source, again.score)]
+
+
+def settle(running: Contenders, aligner: Aligner) -> Answer:
+    """Judge those in the running with all evidence, align the best one finely, and decide."""
+    judge, fine, T, score = aligner.judge, running.fine, running.T_target_source, running.score
+    if len(running) == 0:
+        return Answer.none()
     kept = judge.distinct(T, score)
     if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_MARGIN) * score.total[kept[0]]:
         score = judge.closer(T, score)
@@ -61,7 +69,9 @@ def settle(
     best = aligner.finish(fine[kept[:1]], T[kept[0]], score.total[kept[0]])
     findings = find_out(judge, aligner, best, fine, T, score, kept)
     kept = kept[:FINALISTS]
-    return Answer(coarse[rows[kept]], T[kept], best.T_target_source[0], decide(findings), findings)
+    return Answer(
+        running.coarse[kept], T[kept], best.T_target_source[0], decide(findings), findings
+    )
 
 
 def clearest_first(

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.registration.findings import FEATURES, Findings
+from skipnet.registration.findings import FEATURES, MOST_HELD, Findings
+from skipnet.registration.judging.score import CHANCE_SCORE, Score
 from skipnet.types import FloatArray, Status
 
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
@@ -96,6 +97,28 @@ def confidence_of(features: FloatArray) -> float:
     return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias))))
 
 
+def may_be_registered(score: Score, blind: float) -> bool:
+    """Whether one of (C,) scored poses may be registered, whatever else is found out about it.
+
+    A bound: of what the confidence is made of, all that the score does not say is taken to be as
+    good as can be: the lead over all rivals, and the hold.
+
+    Args:
+        score: the judge's figures, before any closer look.
+        blind: share of the two scans whose viewpoint is unknown.
+    """
+    fitted = _calibration()
+
+    def weight(name: str) -> float:
+        return fitted.weight(name) + blind * fitted.weight(f"blind_{name}")
+
+    most_margin = 1 - CHANCE_SCORE / max(float(score.total.max(initial=0.0)), CHANCE_SCORE)
+    logit = fitted.bias + fitted.weight("blind") * blind + weight("support") * score.support
+    logit = logit + fitted.weight("violation") * np.sqrt(score.violation)
+    logit = logit + max(weight("margin"), 0.0) * most_margin + max(weight("held"), 0.0) * MOST_HELD
+    return bool((logit >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE))).any())
+
+
 @dataclass(frozen=True)
 class _Calibration:
     weights: FloatArray
@@ -103,6 +126,10 @@ class _Calibration:
     bias: float
     refused: float
     """Share of poses that are right although they are refused for ``MAX_VIOLATION``."""
+
+    def weight(self, feature: str) -> float:
+        """Of one of ``FEATURES``."""
+        return float(self.weights[FEATURES.index(feature)])
 
 
 @cache

@@ -64,7 +64,7 @@ def group_viewer(
 
 
 def _colours(scan: Given, rows: IntArray) -> IntArray | None:
-    colour = None if scan.is_large else scan.cloud.colour
+    colour = None if scan.is_large else scan.cloud.colour_8bit
     return None if colour is None else colour[rows]
 
 

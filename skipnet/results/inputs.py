@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.las_sizes import unpacked_bytes
 from skipnet.clouds.formats.reading import SUPPORTED, read_chunks, read_cloud, read_scans
 from skipnet.scans.given import viewpoint_of
 from skipnet.scans.scan import Viewpoint, checked
 from skipnet.skipmap.streaming import thin_chunks
 from skipnet.skipmap.tree import Points, SkipTree, points_of
+from skipnet.types import FloatArray
 
 LARGE_FILE_BYTES = 1 << 28
-"""Larger files are thinned while they are read, and are never in memory as a whole."""
+"""What is larger, unpacked, is thinned while it is read, and is never in memory as a whole."""
 
 _IN_FOLDERS = [extension for extension in SUPPORTED if extension not in (".txt", ".png")]
 """What a folder's scans are called; its texts and pictures are more often something else."""
@@ -92,9 +95,19 @@ def read_given(path: Path, unit: str = "auto") -> Given:
         ValueError: it is no point cloud.
     """
     if _is_large(path):
-        first = next(read_chunks(path, unit)).finite()
-        chunks = (piece.finite().points_m for piece in read_chunks(path, unit))
-        return Given(path, checked(thin_chunks(chunks, str(path)), str(path)), first, unit)
+        first, places_m = next(read_chunks(path, unit)).finite(), set()
+
+        def points() -> Iterator[FloatArray]:
+            """Of one piece after the other; where each was taken from is noted."""
+            for piece in read_chunks(path, unit):
+                place_m = piece.viewpoint_m
+                places_m.add(None if place_m is None else tuple(place_m))
+                yield piece.finite().points_m
+
+        tree = checked(thin_chunks(points(), str(path)), str(path))
+        if len(places_m) > 1:  # several scans
+            first = replace(first, viewpoint_m=None)
+        return Given(path, tree, first, unit)
     cloud = _wondering(read_cloud(path, unit), unit)
     return Given(path, checked(cloud.points_m, str(path)), cloud, unit)
 
@@ -178,4 +191,10 @@ def check_not_overwritten(paths: Sequence[Path], output_dir: Path, outputs: Sequ
 
 
 def _is_large(path: Path) -> bool:
-    return path.is_file() and path.stat().st_size > LARGE_FILE_BYTES
+    if not path.is_file():
+        return False
+    size = path.stat().st_size
+    if path.suffix.lower() == ".laz":
+        with suppress(ValueError):  # what is wrong with it the reader will say
+            size = max(size, unpacked_bytes(path))
+    return size > LARGE_FILE_BYTES

@@ -7,6 +7,7 @@ import tempfile
 from html import escape
 from pathlib import Path
 
+from skipnet.checks import as_path
 from skipnet.projects.assembly import Assembly
 from skipnet.registration.result import Registration
 from skipnet.results.clouds import output_names
@@ -29,7 +30,7 @@ def save(result: Registration, folder: str | os.PathLike[str], format: str) -> N
     source, target = _scans(result)
     names = output_names("aligned", [source.path], format)
     seed = result.given.seed if result.given is not None else 0
-    with new_results(Path(folder)) as unfinished:
+    with new_results(as_path(folder, "folder")) as unfinished:
         write_pair(source, target, result, unfinished, names, seed)
 
 
@@ -37,7 +38,7 @@ def save_many(result: Assembly, folder: str | os.PathLike[str], format: str) -> 
     """See ``Assembly.save``."""
     scans = [_scan_of(result, number) for number in range(len(result.given))]
     names = output_names("merged", [scan.path for scan in scans], format)
-    with new_results(Path(folder)) as unfinished:
+    with new_results(as_path(folder, "folder")) as unfinished:
         write_many(scans, result, unfinished, names, Choices())
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from skipnet.geometry import transform_points
+from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.registration.result import Registration
 from skipnet.scans.scan import Scan
 from skipnet.types import FeatureClass
@@ -16,12 +17,13 @@ _REACH_VOXELS = 1.5
 _MOST_MATCHES = 300
 
 
+@one_blas_thread
 def skipmaps_of(result: Registration) -> tuple[ViewedSkipMap | None, ViewedSkipMap | None]:
     """Of source and target, in the frames that they were given in; None where not kept."""
     if result.given is None or result.given.described is None:
         return None, None
-    source, target = result.given.described
-    return viewed_skipmap(source), viewed_skipmap(target)
+    source, target = side_by_side(viewed_skipmap, result.given.described)
+    return source, target
 
 
 def viewed_skipmap(scan: Scan) -> ViewedSkipMap:

@@ -20,6 +20,8 @@ from skipnet.viz.viewer import MOST_POINTS, viewer
 
 _FAR_EXTENTS = 5.0
 """Scans farther apart than so many of their extents are shown moved together."""
+MOST_ALTERNATIVES = 8
+"""Poses beside the best that get a button; result.json has all."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,12 @@ def pair_viewer(
     tints = (SOURCE_COLOUR, TARGET_COLOUR)
     scans = [
         ViewedScan(
-            name, points_m, tint, None if scan.is_large else scan.cloud.colour, residuals_m, skipmap
+            name,
+            points_m,
+            tint,
+            None if scan.is_large else scan.cloud.colour_8bit,
+            residuals_m,
+            skipmap,
         )
         for name, points_m, tint, scan, residuals_m, skipmap in zip(
             names, (source_m, target_m), tints, (source, target), away_m, described, strict=True
@@ -122,8 +129,11 @@ def _candidates(result: Registration) -> list[ViewedPose]:
         return []
     words, stays = words_of(result), np.eye(4)
     poses = [ViewedPose(words.button, words.note, (result.T_target_source, stays))]
-    for number, T in enumerate(result.findings.alternatives, 1):
-        note = f"Alternative {number}: another pose that explains the scans nearly as well."
+    others = result.findings.alternatives
+    of = f" of {len(others)}, of which the first {MOST_ALTERNATIVES} are shown"
+    rest = of if len(others) > MOST_ALTERNATIVES else ""
+    for number, T in enumerate(others[:MOST_ALTERNATIVES], 1):
+        note = f"Alternative {number}{rest}: another pose that explains the scans nearly as well."
         poses.append(ViewedPose(f"alternative {number}", note, (T, stays)))
     return poses
 

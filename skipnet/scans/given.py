@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skipnet.clouds.cloud import Cloud
-from skipnet.clouds.formats.columns import as_colour
+from skipnet.clouds.formats.columns import as_colour, settled_colour
 from skipnet.clouds.formats.reading import read_cloud
 from skipnet.scans.scan import AutoAt, Viewpoint, checked
 from skipnet.skipmap.tree import Points, SkipTree
@@ -48,7 +48,7 @@ def viewpoint_of(cloud: Cloud) -> Viewpoint:
     where its coordinates count from, the offset of a LAS file or the origin."""
     if cloud.viewpoint_m is not None:
         return cloud.viewpoint_m
-    x, y, z = cloud.offset_m
+    x, y, z = cloud.offset_m.tolist()
     return AutoAt((x, y, z)) if cloud.offset_m.any() else "auto"
 
 
@@ -84,7 +84,8 @@ def _of_laspy(las: Any, name: str) -> Cloud:
     has = set(getattr(las.point_format, "dimension_names", ()))
     colour = None
     if {"red", "green", "blue"} <= has:
-        colour = as_colour([np.asarray(las[axis]) for axis in ("red", "green", "blue")])
+        columns = [np.asarray(las[axis]) for axis in ("red", "green", "blue")]
+        colour = settled_colour(as_colour(columns))
     intensity = np.asarray(las.intensity) if "intensity" in has else None
     return Cloud(
         np.asarray(las.xyz),

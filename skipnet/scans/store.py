@@ -11,7 +11,7 @@ import numpy as np
 from skipnet.networks.model import Model
 from skipnet.scans.describing import describe, restored
 from skipnet.scans.record import FORMAT, read_record, write_record
-from skipnet.scans.scan import Scan, Viewpoint
+from skipnet.scans.scan import AutoAt, Scan, Viewpoint
 from skipnet.skipmap.tree import Points, SkipTree
 from skipnet.types import FloatArray
 
@@ -73,7 +73,7 @@ def scan_key(
     for array in _arrays(cloud_m):
         sha.update(f"{array.dtype} {array.shape}".encode())
         sha.update(np.ascontiguousarray(array).data)
-    if not (isinstance(viewpoint, str) or viewpoint is None):
+    if not (isinstance(viewpoint, str | AutoAt) or viewpoint is None):
         viewpoint = np.asarray(viewpoint, dtype=np.float64).tolist()
     options = FORMAT, viewpoint, float(voxel_size_m).hex(), seed, network.digest
     sha.update(repr(options).encode())

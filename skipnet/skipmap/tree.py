@@ -170,11 +170,14 @@ def build_tree(
     Raises:
         ValueError: no points, a voxel size that is not positive, or points too far from the origin.
     """
+    if not isinstance(points_m, SkipTree):
+        shape = np.shape(points_m)
+        if len(shape) != 2 or shape[1] != 3:
+            raise ValueError(f"points_m: got shape {shape}: expected numbers of shape (N, 3)")
+        points_m = as_floats(points_m)
     if len(points_m) == 0:
         raise ValueError("a skip-tree needs at least one point, none was given")
     check_voxel_size(voxel_size_m)
-    if not isinstance(points_m, SkipTree):
-        points_m = as_floats(points_m)
     if origin_m is None:
         origin_m = _default_origin_m(points_of(points_m), T_tree_points)
     if isinstance(points_m, SkipTree):

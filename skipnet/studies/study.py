@@ -44,6 +44,7 @@ def do_all(
     if len(todo) < len(jobs):
         say(f"{len(jobs) - len(todo)} of {len(jobs)} were done before")
     with mapping(workers) as each:
+        tell("jobs", 0, len(todo))
         outcomes = each(work, [jobs[name] for name in todo])
         for number, (name, outcome) in enumerate(zip(todo, outcomes, strict=True), start=1):
             known[name] = plain(outcome)

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skipnet.features.patches import build_patches
+from skipnet.geometry import transform_points
 from skipnet.metrics import correspondences as judging
 from skipnet.metrics.correspondences import TwoScans
 from skipnet.networks.model import Model
+from skipnet.progress import counted
 from skipnet.simulation.seeds import CLASS_TEST
+from skipnet.skipmap.skipmap import SkipMap
 from skipnet.storage import replacing, write_text
 from skipnet.training.data.labelled import Labelling, Samples, label_scene
 from skipnet.training.data.pairs import PatchPairs
-from skipnet.training.networks.perceptron import Classifier, classify
 from skipnet.training.options import NetworkKind, TrainConfig
 from skipnet.training.schedule import Record
 from skipnet.training.scores import CLASS_NAMES, table_rows
 from skipnet.training.task import Judgement
-from skipnet.types import FeatureClass, IntArray
+from skipnet.types import FeatureClass, FloatArray, IntArray
 from skipnet.viz import dashboard, pictures
 from skipnet.viz.views import png_bytes
 
@@ -55,15 +56,6 @@ def for_card(config: TrainConfig) -> dict[str, Any]:
     return {name: value for name, value in plain(config).items() if name not in others}
 
 
-def _flat(options: Mapping[str, Any], above: str = "") -> dict[str, object]:
-    """Nested options by their dotted names."""
-    flat: dict[str, object] = {}
-    for name, value in options.items():
-        is_section = isinstance(value, Mapping)
-        flat |= _flat(value, f"{above}{name}.") if is_section else {f"{above}{name}": value}
-    return flat
-
-
 def log_round(writer: SummaryWriter, record: Record, judgement: Judgement, group: str = "") -> None:
     """The training's loss, all figures of the validation set and, now and then, the confusion.
 
@@ -87,32 +79,47 @@ def log_step(writer: SummaryWriter, step: int, loss: float) -> None:
         dashboard.log_scalars(writer, {"loss/batch": loss}, step)
 
 
-def log_results(
-    writer: SummaryWriter, config: TrainConfig, summary: Mapping[str, Any], counts: IntArray
-) -> None:
-    """The confusion matrix of the unseen scenes, and the run's row among the hyper-parameters."""
-    dashboard.log_confusion_matrix(writer, "unseen", counts, CLASS_NAMES)
-    parameters = {"experiment": config.experiment_name, **_flat(for_card(config))}
-    unseen = summary["unseen"]["network"]
-    scores = {f"hparam/{name}": unseen[name] for name in ("macro_f1", "accuracy")}
-    dashboard.log_hyperparameters(writer, parameters, scores)
+def log_parameters(writer: SummaryWriter, config: TrainConfig, scores: Mapping[str, float]) -> None:
+    """The run's row among the hyper-parameters: all options, and what came of them at the end."""
+    parameters = {"experiment": config.experiment_name, **for_card(config)}
+    final = {f"hparam/{name}": score for name, score in scores.items()}
+    dashboard.log_hyperparameters(writer, parameters, final)
 
 
 def log_skipmap(
-    writer: SummaryWriter, labelling: Labelling, classifier: Classifier, family: str
+    writer: SummaryWriter,
+    labelling: Labelling,
+    classes_of: Callable[[SkipMap, IntArray], FloatArray],
+    family: str,
 ) -> None:
-    """The Skip-map of a test scan in 3D: by curvature, by true class, by the network's class."""
+    """The Skip-map of a test scan in 3D: by curvature, by true class, by the network's class.
+
+    Args:
+        writer: to write to.
+        labelling: how the scan becomes samples.
+        classes_of: (K, 5) probabilities of the classes of (K,) voxels of a Skip-map.
+        family: of the scene.
+    """
     scan = label_scene(family, PICTURE_SEED, labelling, np.random.default_rng(PICTURE_SEED))[0]
     centroids_m = scan.skipmap.centroids_m
     dashboard.log_skipmap_by_curvature(
         writer, "skipmap/curvature", centroids_m, scan.skipmap.curvatures
     )
-    patches = build_patches(scan.skipmap, scan.voxels, labelling.patch)
-    predicted = classify(classifier, patches).argmax(axis=1)
+    predicted = classes_of(scan.skipmap, scan.voxels).argmax(axis=1)
     for name, labels in (("true_class", scan.labels), ("network_class", predicted)):
         classes = np.full(len(centroids_m), int(FeatureClass.PLANE))
         classes[scan.voxels] = labels
         dashboard.log_skipmap_by_class(writer, f"skipmap/{name}", centroids_m, classes)
+
+
+def log_two_scans(writer: SummaryWriter, scans: TwoScans) -> None:
+    """A pair of scans as it was aligned, in 3D: the voxels of each by their curvature."""
+    source_m = transform_points(scans.T_target_source, scans.source.centroids_m)
+    for name, centroids_m, skipmap in (
+        ("source", source_m, scans.source),
+        ("target", scans.target.centroids_m, scans.target),
+    ):
+        dashboard.log_skipmap_by_curvature(writer, f"pair/{name}", centroids_m, skipmap.curvatures)
 
 
 def write_results(
@@ -149,7 +156,7 @@ def judge_on_unseen(
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Scores of this descriptor and of FPFH on the same keypoints, in all and by overlap."""
     matches: dict[str, list[judging.Match]] = {"learned": [], "fpfh": []}
-    for scans in test:
+    for scans in counted("pairs to judge on", test, len(test)):
         keypoints = judging.keypoints_of(scans, descriptor)
         learned = partial(judging.by_network, descriptor=descriptor)
         matches["learned"].append(judging.match(scans, learned))

@@ -47,17 +47,28 @@ def log_scalars(writer: SummaryWriter, values: Mapping[str, float], step: int) -
 def log_hyperparameters(
     writer: SummaryWriter, parameters: Mapping[str, object], scores: Mapping[str, float]
 ) -> None:
-    """The run's row in the HPARAMS tab, in the run itself (``add_hparams`` opens a second)."""
+    """The run's row in the HPARAMS tab, in the run itself (``add_hparams`` opens a second).
+
+    Sections of parameters come under dotted names.
+    """
     from torch.utils.tensorboard.summary import hparams
 
     plain = {
         name: value if isinstance(value, bool | int | float | str) else str(value)
-        for name, value in parameters.items()
+        for name, value in _flat(parameters).items()
     }
     file_writer = writer._get_file_writer()
     for summary in hparams(plain, dict(scores)):
         file_writer.add_summary(summary)
     log_scalars(writer, scores, step=0)
+
+
+def _flat(parameters: Mapping[str, object], above: str = "") -> dict[str, object]:
+    flat: dict[str, object] = {}
+    for name, value in parameters.items():
+        is_section = isinstance(value, Mapping)
+        flat |= _flat(value, f"{above}{name}.") if is_section else {f"{above}{name}": value}  # type: ignore[arg-type]
+    return flat
 
 
 def log_embedding(

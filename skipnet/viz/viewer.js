@@ -4,7 +4,7 @@ function showScans(root) {
   const data = JSON.parse(root.querySelector("script.scans").textContent);
   const canvas = root.querySelector("canvas");
   const said = root.querySelector(".said");
-  const gl = canvas.getContext("webgl", { antialias: true, alpha: false });
+  const gl = canvas.getContext("webgl", { antialias: false, alpha: false });
   if (!gl) { said.textContent = "This browser shows no WebGL: see the picture below."; canvas.remove(); return; }
 
   const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -95,7 +95,7 @@ function showScans(root) {
   function pace() {
     const now = performance.now();
     const took = now - last;
-    if (turning && last) share = Math.min(1, Math.max(0.02, share * (took > 36 ? Math.max(30 / took, 0.25) : took < 22 ? 1.25 : 1)));
+    if (turning && last) share = Math.min(1, Math.max(0.02, share * (took > 36 ? Math.max(24 / took, 0.25) : took < 22 ? 1.1 : 1)));
     last = now;
     canvas.dataset.share = share.toFixed(3);
   }

@@ -164,7 +164,7 @@ def _layers(
         if is_there
     )
     legend = " ".join(
-        f'<span class="swatch" style="background:{CLASS_COLOURS[kind]}"></span> {name}'
+        f'<span><span class="swatch" style="background:{CLASS_COLOURS[kind]}"></span> {name}</span>'
         for kind, name in CLASS_NAMES.items()
     )
     classes = f"<br><small>{legend}</small>" if described else ""

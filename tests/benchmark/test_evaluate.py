@@ -105,6 +105,9 @@ def test_tensorboard_holds_curves_tables_and_pictures(run_folder):
     for entry in summary["rows"]:
         events = EventAccumulator(str(folder / "tensorboard" / entry["method"])).Reload()
         assert [point.step for point in events.Scalars("3 pairs/mean_error_mm")] == [0, 1]
+        hparams = events.summary_metadata["_hparams_/session_start_info"].plugin_data.content
+        for option in (b"time_limit_s", b"rotation", b"speed.repeats", b"method_options.make"):
+            assert option in hparams
         group = "1 result" if entry["stage"] == "fine" else "4 coarse"
         (rate,) = events.Scalars(f"{group}/1 success rate")
         assert rate.value == pytest.approx(entry["success_rate"])

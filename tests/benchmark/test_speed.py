@@ -14,6 +14,7 @@ from skipnet.benchmark.options import SpeedConfig
 from skipnet.benchmark.reporting.speed_tables import exponents, summarise
 from skipnet.benchmark.running.speed import measure, middle, peak_bytes, run_speed, simulate_size
 from skipnet.benchmark.scoring.measurement import Measurement
+from skipnet.progress import listening
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import SPEED
 from tests.composing import evaluate_options
@@ -107,7 +108,10 @@ def test_a_run_leaves_every_figure_and_keeps_to_the_limits(tmp_path, monkeypatch
         ),
         output_dir=str(tmp_path / "run"),
     )
-    summary = run_speed(config)
+    told = []
+    with listening(lambda *words: told.append(words)):
+        summary = run_speed(config)
+    assert ("measurements", 0, 6) in told and ("measurements", 6, 6) in told
     run = tmp_path / "run"
     assert {(row["method"], row["size"]) for row in summary["rows"]} == {
         ("skipnet", SIZES[0]),

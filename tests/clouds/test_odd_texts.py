@@ -150,7 +150,7 @@ def test_a_grid_of_map_coordinates_is_no_row_and_column(tmp_path):
 
 def test_lines_above_the_points_are_said(tmp_path):
     (tmp_path / "a.txt").write_text(KINDS["words above the points"])
-    note = "left out 1 lines above the points, such as 'Scan export version 2.1'"
+    note = "left out a line above the points, such as 'Scan export version 2.1'"
     assert skipnet.read_cloud(tmp_path / "a.txt").notes == (note,)
 
 

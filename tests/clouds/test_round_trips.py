@@ -310,3 +310,25 @@ def open3d_points(path):
     import open3d as o3d
 
     return o3d.t.io.read_point_cloud(str(path)).point.positions.numpy()
+
+
+@pytest.mark.parametrize("extension", ["las", "laz"])
+def test_pieces_of_a_cloud_are_written_as_the_whole_is(tmp_path, extension):
+    rng = np.random.default_rng(4)
+    whole = skipnet.Cloud(
+        rng.uniform(0, 50, (3000, 3)) + [4e5, 5e6, 0],
+        colour=rng.integers(0, 65536, (3000, 3)).astype(np.uint16),
+        intensity=rng.integers(0, 4000, 3000).astype(np.uint16),
+        columns={"classification": rng.integers(0, 20, 3000).astype(np.uint8)},
+        offset_m=np.array([4e5, 5e6, 0]),
+    )
+    path, again = tmp_path / f"a.{extension}", tmp_path / f"b.{extension}"
+    skipnet.write_cloud(path, whole)
+    rows = np.array_split(np.arange(3000), 7)
+    skipnet.write_cloud(again, iter([whole[some] for some in rows]))
+    one, other = skipnet.read_cloud(path), skipnet.read_cloud(again)
+    np.testing.assert_array_equal(one.points_m, other.points_m)
+    np.testing.assert_array_equal(one.colour, other.colour)
+    np.testing.assert_array_equal(one.intensity, other.intensity)
+    np.testing.assert_array_equal(one.columns["classification"], other.columns["classification"])
+    np.testing.assert_allclose(one.points_m, whole.points_m, atol=6e-5)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.reading import read_points
 from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import invert, pose_error, transform_points
@@ -89,6 +90,23 @@ def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):
         assert np.rad2deg(rotation_rad) < 0.5 and translation_m < 0.03
     merged_m = read_points(tmp_path / "out" / "merged.ply")
     assert len(merged_m) == sum(len(scan.points_m) for scan in scans)
+
+
+def test_many_scans_of_a_map_keep_its_coordinates(tmp_path):
+    """LAS counts from an offset, where the sensor may have stood: another word than "auto"."""
+    pytest.importorskip("laspy")
+    map_m = np.array([500_000.0, 5_400_000, 100])
+    scans, _ = simulate_scans("paper_room", 1, 2, points=40_000)
+    for name, scan in zip("ab", scans, strict=True):
+        write_cloud(tmp_path / f"{name}.laz", Cloud(scan.points_m + map_m, offset_m=map_m))
+    for _ in range(2):  # the second goes on from what the first kept
+        run = register_py(tmp_path, "scans=[a.laz,b.laz]", "output_dir=out")
+        assert (run.returncode, run.stderr) == (0, "")
+    T_true = invert(scans[0].T_world_sensor) @ scans[1].T_world_sensor
+    expected_m = transform_points(T_true, scans[1].points_m) + map_m
+    merged_m = read_points(tmp_path / "out" / "merged.laz")
+    away_m = merged_m[len(scans[0].points_m) :] - expected_m
+    assert np.linalg.norm(away_m, axis=1).max() < 0.03
 
 
 def test_scans_of_nothing_in_common_exit_with_3_and_still_write_everything(tmp_path):

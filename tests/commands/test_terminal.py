@@ -13,7 +13,7 @@ import pytest
 
 from skipnet import progress
 from skipnet.commands.sweeps import note_run, sweep_table
-from skipnet.progress import Terminal, listening, say, shown, tell
+from skipnet.progress import Terminal, counted, in_words, listening, say, shown, tell
 
 
 class Screen(io.StringIO):
@@ -62,6 +62,19 @@ def test_listeners_hear_stages_while_they_listen():
     assert heard == [("pairs", 1, 2)]
 
 
+def test_what_is_counted_is_told_from_its_start():
+    heard = []
+    with listening(lambda *words: heard.append(words)):
+        assert list(counted("scenes", "ab", 2)) == ["a", "b"]
+    assert heard == [("scenes", 0, 2), ("scenes", 1, 2), ("scenes", 2, 2)]
+
+
+def test_times_are_never_sixty_seconds():
+    assert [in_words(time_s) for time_s in (0.4, 99.4, 99.6, 779.7)] == [
+        "0 s", "99 s", "1 min 40 s", "13 min 00 s"
+    ]  # fmt: skip
+
+
 def test_json_is_one_line_with_the_fields_of_the_result(tmp_path, capsys, monkeypatch):
     from skipnet.commands.register import main
 
@@ -106,6 +119,7 @@ def test_methods_from_outside_take_part_by_file_and_by_entry_point(tmp_path, mon
     made = {name: method.make for name, method in config.methods.items()}
     assert made == {"theirs": "their_package.methods.make", "mine": by_file}
     assert make_method(by_file)(None) == "answer"
+    assert "mine" not in sys.modules
     with pytest.raises(ValueError, match="did you mean theirs"):
         options.EvaluateConfig(outside=["their"])
     with pytest.raises(FileNotFoundError, match=r"none.py: no such file"):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from skipnet.features.grids import GRID_SHAPE
+from skipnet.networks.catalog import find_network
 from skipnet.networks.describing import describe_keypoints
 from skipnet.networks.numpy_deep import DeepNumpyNetwork, shapes_of
 from skipnet.networks.torch_network import TorchNetwork
@@ -86,3 +87,9 @@ def test_it_needs_no_torch() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("name", ["shipped", "deep"])
+def test_a_network_prints_as_a_line(name: str) -> None:
+    network = find_network(name)
+    assert network.digest in repr(network) and len(repr(network)) < 120

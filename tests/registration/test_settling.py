@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration import searching, settling
+from skipnet.registration.alignment.refinement import Refinement, no_refinement
+from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.score import Score
-from skipnet.registration.settling import firmest_first
-from skipnet.registration.verdict import decide
+from skipnet.registration.pipeline import register
+from skipnet.registration.settling import FINALISTS, enter, firmest_first
+from skipnet.registration.verdict import decide, may_be_registered
+from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.types import Status
 
 
@@ -106,3 +110,77 @@ def test_where_nothing_would_contradict_a_fifth_must_agree():
     verdict = decide(replace(sure, support=0.19))
     assert verdict.status == "failed" and verdict.confidence <= 0.5
     assert decide(replace(sure, support=0.19, blind=0.0)).status == "registered"
+
+
+@pytest.mark.parametrize("blind", [0.0, 0.3, 1.0])
+def test_what_cannot_be_registered_is_never_registered_whatever_else_is_found(blind):
+    rng = np.random.default_rng(8)
+    registered = ruled_out = 0
+    for _ in range(400):
+        support, violation = rng.uniform(0, 0.6), rng.uniform(0, 0.02) * rng.integers(0, 2)
+        total = support * rng.uniform(0.3, 1)
+        found = replace(
+            GOOD,
+            support=support,
+            overlap=support,
+            violation=violation,
+            margin=max(1 - max(0.05, rng.uniform(0, 0.3)) / max(total, 1e-9), 0.0),
+            held_voxels=rng.uniform(1, 500),
+            blind=blind,
+        )
+        one = np.array([support])
+        score = Score(np.array([total]), one, np.array([violation]), one, 0 * one, 0 * one)
+        may_be = may_be_registered(score, blind)
+        is_registered = decide(found).status is Status.REGISTERED
+        assert may_be or not is_registered
+        registered, ruled_out = registered + is_registered, ruled_out + (not may_be)
+    assert registered > 20 and ruled_out > 20
+
+
+def test_without_candidates_nothing_may_be_registered():
+    assert not may_be_registered(Contenders.none().score, 0.0)
+
+
+class _CountingAligner:
+    """Leaves poses as they are, with a score that falls with their shift along x."""
+
+    def __init__(self):
+        self.seen = []
+        self.judge = self
+
+    def prepare(self, coarse, start, rival_total):
+        self.seen.append((len(coarse), rival_total))
+        total = 1 / (1 + coarse[:, 0, 3])
+        return Contenders(coarse, no_refinement(coarse), coarse, Score(total, *[total] * 5))
+
+    def distinct(self, T_target_source, score):
+        return np.argsort(-score.total, kind="stable")
+
+
+def _shifted(*shifts_m):
+    poses = np.repeat(np.eye(4)[None], len(shifts_m), axis=0)
+    poses[:, 0, 3] = shifts_m
+    return poses
+
+
+def test_what_is_in_the_running_is_not_aligned_again_and_the_best_of_all_come_first():
+    aligner = _CountingAligner()
+    running = enter(Contenders.none(), _shifted(*range(20)), aligner)
+    running = enter(running, _shifted(0.5, 30.0), aligner)
+    assert aligner.seen == [(20, 0.0), (2, 1.0)]
+    assert len(running) == FINALISTS + 2
+    assert list(running.T_target_source[:3, 0, 3]) == [0.0, 0.5, 1.0]
+    assert enter(running, np.zeros((0, 4, 4)), aligner) is running
+
+
+def test_scans_that_share_nothing_are_judged_with_all_evidence_once(monkeypatch):
+    asked = []
+
+    def counting(running, aligner):
+        asked.append(len(running))
+        return settling.settle(running, aligner)
+
+    monkeypatch.setattr(searching, "settle", counting)
+    first, second = (simulate_pair("closed", seed, points=20_000).pair for seed in (9101, 9102))
+    result = register(first.source_m, second.target_m)
+    assert result.status is not Status.REGISTERED and len(asked) == 1

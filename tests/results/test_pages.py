@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,6 +49,15 @@ def test_a_failure_is_called_one_and_says_what_to_try(tmp_path):
     assert "motion found" not in page.lower().replace("no motion found", "")
     assert "What to try" in page and "one more scan between" in page
     assert words_of(result).heading in page and words_of(result).button in page
+
+
+def test_of_many_alternatives_the_first_have_a_button(pair):
+    result = register(pair.source_m, pair.target_m)
+    others = tuple(np.eye(4) for _ in range(26))
+    many = replace(result, findings=replace(result.findings, alternatives=others))
+    page = many._repr_html_()
+    assert page.count("alternative 8") == 1 and "alternative 9" not in page
+    assert "of 26, of which the first 8 are shown" in page
 
 
 def test_a_utm_laz_pair_keeps_colours_columns_and_millimetres(tmp_path, pair):

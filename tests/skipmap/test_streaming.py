@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import skipnet
-from skipnet.clouds.formats.reading import read_points
-from skipnet.clouds.formats.writing import write_cloud
+from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats import e57
+from skipnet.clouds.formats.reading import read_chunks, read_points, read_scans
+from skipnet.clouds.formats.writing import write_cloud, write_scans
 from skipnet.geometry import pose_error, transform_points
 from skipnet.registration.options import RegistrationConfig
 from skipnet.results import files, inputs
@@ -99,3 +101,45 @@ def test_a_large_file_is_thinned_to_register_and_written_whole(tmp_path, monkeyp
         f"{len(pair.source_m):,} points, read into"
         in (tmp_path / "out" / "report.html").read_text()
     )
+
+
+def test_of_a_packed_file_counts_what_it_unpacks_to(tmp_path, monkeypatch):
+    pytest.importorskip("laspy")
+    pair = simulate_pair("paper_room", 1, points=40_000).pair
+    packed, plain = tmp_path / "a.laz", tmp_path / "a.las"
+    for path in (packed, plain):
+        write_cloud(path, pair.source_m)
+    sizes = packed.stat().st_size, plain.stat().st_size
+    assert sizes[0] < 0.7 * sizes[1]
+    monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", sum(sizes) // 2)
+    assert inputs.read_given(packed).is_large and inputs.read_given(plain).is_large
+    monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", sizes[1])
+    assert not inputs.read_given(packed).is_large
+
+
+def test_scans_of_an_e57_come_in_pieces_and_as_wholes_alike(tmp_path, monkeypatch):
+    pytest.importorskip("pye57")
+    pair = simulate_pair("paper_room", 1, points=20_000).pair
+    scans = [
+        Cloud(points_m, intensity=np.arange(float(len(points_m))), viewpoint_m=place_m)
+        for points_m, place_m in ((pair.source_m, [0.0, 1, 2]), (pair.target_m, [3.0, 4, 5]))
+    ]
+    path = tmp_path / "two.e57"
+    write_scans(path, scans)
+    whole = read_scans(path)
+    monkeypatch.setattr(e57, "RECORDS_AT_ONCE", 3000)
+    again = read_scans(path)
+    pieces = list(read_chunks(path))
+    assert len(whole) == len(again) == 2 and len(pieces) > 10
+    for one, other in zip(whole, again, strict=True):
+        np.testing.assert_array_equal(one.points_m, other.points_m)
+        np.testing.assert_array_equal(one.viewpoint_m, other.viewpoint_m)
+    joined_m = np.concatenate([piece.points_m for piece in pieces])
+    np.testing.assert_array_equal(joined_m, np.concatenate([one.points_m for one in whole]))
+    joined = np.concatenate([piece.intensity for piece in pieces])
+    np.testing.assert_array_equal(joined, np.concatenate([one.intensity for one in whole]))
+    write_cloud(tmp_path / "again.e57", iter(pieces))
+    assert [len(one) for one in read_scans(tmp_path / "again.e57")] == [len(one) for one in whole]
+    monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", 1000)
+    given = inputs.read_given(path)
+    assert given.is_large and given.cloud.viewpoint_m is None  # two scans have no one place

@@ -566,6 +566,10 @@ def test_train_py_writes_a_network_that_loads(tmp_path: Path) -> None:
         assert len(events.Scalars(f"{scalar}/validation")) == 2, scalar
     assert events.Scalars("classes/macro_f1/validation")
     assert list((tmp_path / "tensorboard").rglob("metadata.tsv"))
+    for name in ("learned inlier_ratio", "both heads macro_f1", "classes alone macro_f1"):
+        assert len(events.Scalars(f"hparam/{name}")) == 1, name
+    assert "_hparams_/session_start_info" in events.summary_metadata
+    assert "skipmap/network_class_VERTEX" in events.Tags()["tensors"]
 
 
 def test_the_shipped_card_says_where_the_weights_come_from() -> None:

@@ -35,6 +35,7 @@ PAIR_MEASURES = ("mean_error_mm", "rotation_error_deg", "total_s")
 
 def write_events(
     about: Mapping[str, str],
+    settings: Mapping[str, Any],
     rows: Sequence[ScoreRow],
     entries: Sequence[Mapping[str, Any]],
     tables: Sequence[Table],
@@ -46,6 +47,7 @@ def write_events(
 
     Args:
         about: what was run, by name.
+        settings: all options of the run; those under ``methods`` belong to one method each.
         rows: of all methods.
         entries: of the summary, one per method and stage.
         tables: of the report.
@@ -67,7 +69,7 @@ def write_events(
     for method in dict.fromkeys(row.method for row in rows):
         final = final_rows(rows, method)
         with open_dashboard(folder / re.sub(r"\W+", "_", method)) as writer:
-            parameters = {"method": method, **about}
+            parameters = {**about, **_settings_of(method, settings), "method": method}
             log_hyperparameters(writer, parameters, method_scores(method, entries, final))
             for limit_mm, share in cumulative_curve(final):
                 log_scalars(writer, {"2 curves/share of pairs within step mm": share}, limit_mm)
@@ -75,6 +77,12 @@ def write_events(
                 finite = {m: getattr(row, m) for m in PAIR_MEASURES}
                 values = {f"3 pairs/{m}": v for m, v in finite.items() if math.isfinite(v)}
                 log_scalars(writer, values, step_of[row.pair])
+
+
+def _settings_of(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of a run, of the methods those of one."""
+    common = {name: value for name, value in settings.items() if name != "methods"}
+    return {**common, "method_options": settings.get("methods", {}).get(method, {})}
 
 
 def method_scores(

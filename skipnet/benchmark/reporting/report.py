@@ -44,6 +44,8 @@ class Results:
 
     about: dict[str, str]
     """What was run: name to description; ``benchmark`` is among the names."""
+    settings: dict[str, Any]
+    """All options of the run."""
     rows: list[ScoreRow]
     predictions: list[Prediction]
     labels: dict[str, str]
@@ -88,7 +90,9 @@ def write_report(results: Results, folder: Path) -> dict[str, Any]:
     pictures = Report(title, summary, tables, figures).write(folder)
     dots = {one.name: one.dots for one in figures if one.dots is not None}
     where = folder / "tensorboard"
-    write_events(results.about, results.rows, entries, tables, pictures, dots, where)
+    write_events(
+        results.about, results.settings, results.rows, entries, tables, pictures, dots, where
+    )
     return summary
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from skipnet.benchmark.scoring.predictions import (
     save_correspondences,
 )
 from skipnet.benchmark.scoring.scoring import Scorer, best_of_groups, choose_best, score_predictions
-from skipnet.progress import say, tell
+from skipnet.progress import in_words, say, tell
 from skipnet.storage import write_config
 from skipnet.types import FloatArray, Pair
 
@@ -67,6 +67,7 @@ def run_benchmark(config: EvaluateConfig) -> dict[str, Any]:
     labels |= {group: group for group, _ in chosen}
     results = Results(
         about=head_of_report(config) | {"all calls took": duration(p.time_s for p in predictions)},
+        settings=asdict(config),
         rows=[*rows, *best_of_groups(rows, chosen)],
         predictions=predictions,
         labels=labels,
@@ -127,8 +128,9 @@ def predict(pair_set: PairSet, methods: list[NamedMethod], path: Path) -> None:
             word = "raised" if prediction.error else prediction.status
             words.append(f"{method.name}: {word}, {prediction.time_s:.2f} s")
         left_s = (time.perf_counter() - started) / (done + 1) * (len(todo) - done - 1)
-        words.append(f"about {left_s / 60:.0f} min left")
+        words.append(f"about {in_words(left_s)} left")
         say(f"[{index + 1}/{len(pair_set)}] {name} | " + " | ".join(words))
+    tell("pairs", len(todo), len(todo))
 
 
 def answer(method: NamedMethod, pair: Pair, start: Prediction | None, folder: Path) -> Prediction:

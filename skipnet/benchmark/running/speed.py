@@ -23,7 +23,7 @@ from skipnet.benchmark.running.memory import peak_bytes, task_of
 from skipnet.benchmark.scoring.measurement import Measurement
 from skipnet.checks import require
 from skipnet.geometry import pose_error
-from skipnet.progress import say
+from skipnet.progress import counted, say
 from skipnet.simulation.scanning.hard import check_kinds, hard_pair
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.scenes.scenes import check_families
@@ -57,7 +57,7 @@ def run_speed(config: EvaluateConfig) -> dict[str, Any]:
     write_config(config, folder / "config.yaml")
     measured = []
     with open(path, "w", encoding="utf-8") as file:
-        for measurement in measure_all(config):
+        for measurement in counted("measurements", measure_all(config), _how_many(config)):
             measured.append(measurement)
             file.write(json.dumps(asdict(measurement)) + "\n")
             file.flush()
@@ -97,8 +97,7 @@ def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
         small = simulate_size(family, seeds[0], _WARM_UP_POINTS)
         methods = _warm_methods(config, family, small)
         for size in config.speed.points:
-            names = [name for name in config.methods if size <= _most_points(config, name)]
-            some = {name: methods[name] for name in names}
+            some = {name: methods[name] for name in _methods_at(config, size)}
             for turn, seed in enumerate(seeds):
                 pair = simulate_size(family, seed, size)
                 for found in _in_turns(some, pair, (family, size, seed), turn, config):
@@ -111,6 +110,18 @@ def measure_all(config: EvaluateConfig) -> Iterator[Measurement]:
         for turn, seed in enumerate(seeds):
             pair = hard_pair(kind, seed)
             yield from _in_turns(methods, pair, (kind, 0, seed), turn, config)
+
+
+def _methods_at(config: EvaluateConfig, size: int) -> list[str]:
+    """Those that may be asked about so many points."""
+    return [name for name in config.methods if size <= _most_points(config, name)]
+
+
+def _how_many(config: EvaluateConfig) -> int:
+    """Measurements that there will be."""
+    sizes = sum(len(_methods_at(config, size)) for size in config.speed.points)
+    kinds = len(config.speed.kinds) * len(config.methods)
+    return config.pairs * (len(config.speed.families) * sizes + kinds)
 
 
 def _warm_methods(config: EvaluateConfig, family: str, pair: Pair) -> dict[str, Method]:

@@ -106,15 +106,13 @@ def _cloud_of_archive(arrays: dict[str, np.ndarray], path: Path) -> Cloud:
     name = next((small[name] for name in _POINTS if name in small), None) or _only_points(arrays)
     if name is not None:
         points = arrays.pop(name)
-        return _cloud_of_array(
-            points, path, {name.lower(): array for name, array in arrays.items()}
-        )
+        return _cloud_of_array(points, path, arrays)
     if len({array.shape for array in arrays.values()}) == 1 and find_axes(list(arrays)):
         arrays = {name: array.ravel() for name, array in arrays.items()}  # images of coordinates
     columns = {name: array for name, array in arrays.items() if array.ndim == 1}
     if find_axes(list(columns)) and len({len(array) for array in columns.values()}) == 1:
         _check_kinds(columns, path)
-        beside = {name.lower(): array for name, array in arrays.items() if array.ndim > 1}
+        beside = {name: array for name, array in arrays.items() if array.ndim > 1}
         return _with_what_is_beside(cloud_of_columns(columns, path), beside)
     if len(arrays) == 1:
         return _cloud_of_array(next(iter(arrays.values())), path, {})
@@ -157,7 +155,8 @@ def _cloud_of_array(array: np.ndarray, path: Path, beside: dict[str, np.ndarray]
             for name, values in records.items()
             if values.dtype.kind in "iuf" and values.ndim == 1
         }
-        return cloud_of_columns(columns, path)
+        beside = {name: values for name, values in records.items() if values.ndim > 1}
+        return _with_what_is_beside(cloud_of_columns(columns, path), beside)
     array = _by_rows(array)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
         raise ValueError(
@@ -186,7 +185,8 @@ def _with_what_is_beside(cloud: Cloud, beside: dict[str, np.ndarray]) -> Cloud:
     count = len(cloud)
     facts: dict[str, object] = {}
     columns = dict(cloud.columns)
-    for name, array in beside.items():
+    for own_name, array in beside.items():
+        name = own_name.lower()
         per_point = array.dtype.kind in "iufb" and array.ndim and len(array) == count
         if per_point and array.shape == (count, 3) and name in _COLOURS:
             facts["colour"] = as_colour(list(array.T))
@@ -195,7 +195,9 @@ def _with_what_is_beside(cloud: Cloud, beside: dict[str, np.ndarray]) -> Cloud:
         elif per_point and array.size == count and name in _INTENSITY:
             facts["intensity"] = array.ravel()
         elif per_point and array.ndim == 1:
-            columns[name] = array
+            columns[own_name] = array
+        elif name == "crs" and array.dtype.kind == "U" and array.ndim == 0:
+            facts["crs"] = str(array)
         elif name in _VIEWPOINT and array.shape == (3,) and array.dtype.kind in "iuf":
             facts["viewpoint_m"] = array.astype(np.float64)
     return Cloud(**{**vars(cloud), "columns": columns, **facts})
@@ -209,13 +211,14 @@ def write_npy(path: Path, cloud: Cloud) -> None:
 
 
 def write_npz(path: Path, cloud: Cloud) -> None:
-    """Write points, colours, normals, intensity, columns and viewpoint, whole or not at all."""
+    """Write points and what the cloud holds beside them, whole or not at all."""
     arrays = {
         "points": np.stack([columns_of_cloud(cloud)[axis] for axis in "xyz"], axis=1),
         "colors": cloud.colour,
         "normals": cloud.normals,
         "intensity": cloud.intensity,
         "viewpoint_m": cloud.viewpoint_m,
+        "crs": np.array(cloud.crs) if cloud.crs else None,
         **cloud.columns,
     }
     with replacing(path) as temporary:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ _COLOURS = (
     ("g", "green", "gf", "diffuse_green"),
     ("b", "blue", "bf", "diffuse_blue"),
 )
+_FINE = ("red_16", "green_16", "blue_16")
+"""Colours of 16 bits beside those of 8 that all programs show."""
 _NORMALS = tuple((f"n{axis}", f"normal_{axis}", f"normal{axis}") for axis in "xyz")
 _INTENSITY = (("intensity", "i", "reflectance", "reflectivity", "scalar_intensity", "remission"),)
 _UNIT_WORDS = {
@@ -76,6 +79,14 @@ def unit_in(remark: str) -> str | None:
     return _UNIT_WORDS[match[1]] if match else None
 
 
+def decoded(line: bytes) -> str:
+    """A line of a head, in UTF-8 where it can be, else Latin-1."""
+    try:
+        return line.decode()
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
 def find_axes(names: list[str]) -> list[int]:
     """Which three of some columns are x, y, z by their names; empty if not all three are there."""
     plain = [plain_name(name)[0] for name in names]
@@ -108,7 +119,7 @@ def cloud_of_columns(
         points_m=stacked([table[axis] for axis in axes]) * METRES_PER_UNIT[unit],
         colour=_colour(left),
         normals=_taken(left, _NORMALS),
-        intensity=_single(_taken(left, _INTENSITY)),
+        intensity=take_intensity(left),
         columns=left,
         unit=unit,
         **{"name": str(path), **facts},
@@ -137,14 +148,16 @@ def _taken(left: dict[str, np.ndarray], aliases: tuple[tuple[str, ...], ...]) ->
     return stacked(columns) if columns else None
 
 
-def _single(table: FloatArray | None) -> FloatArray | None:
+def take_intensity(left: dict[str, np.ndarray]) -> FloatArray | None:
+    """Take (N,) intensities out of columns, if one has such a name."""
+    table = _taken(left, _INTENSITY)
     return None if table is None else table[:, 0]
 
 
 def _colour(left: dict[str, np.ndarray]) -> IntArray | None:
     columns = _pop(left, _COLOURS)
     if columns:
-        return as_colour(columns)
+        return as_colour(_pop(left, tuple((name,) for name in _FINE)) or columns)
     packed = left.get("rgb")
     if packed is None or packed.ndim > 1 or packed.dtype.kind == "b" or not _is_packed(packed):
         return None
@@ -159,18 +172,37 @@ def _is_packed(values: np.ndarray) -> bool:
 
 
 def as_colour(columns: list[np.ndarray]) -> IntArray:
-    """(N, 3) uint8 of red, green and blue in 0..1, 0..255 or 0..65535, told apart by their values.
+    """(N, 3) uint8 or uint16 of red, green and blue in 0..1, 0..255 or 0..65535, told apart by
+    their values; columns of 16 bits stay as they are (see ``settled_colour``).
 
     >>> as_colour([np.array([0.0, 1.0]), np.array([0.5, 0.5]), np.array([0.0, 0.0])]).tolist()
     [[0, 128, 0], [255, 128, 0]]
     """
+    if all(column.dtype.str[1:] == "u2" for column in columns):
+        return np.stack(columns, axis=1).astype(np.uint16, copy=False)
     table = np.nan_to_num(stacked(columns), posinf=0, neginf=0)
     brightest = table.max(initial=0)
     if brightest <= 1 and (columns[0].dtype.kind == "f"):
         table *= 255
-    elif brightest > 255:
-        table /= 257
-    return np.clip(np.rint(table), 0, 255).astype(np.uint8)
+    deepest = 65535 if brightest > 255 else 255
+    return np.clip(np.rint(table), 0, deepest).astype(np.uint16 if deepest > 255 else np.uint8)
+
+
+def settled_colour(colour: IntArray | None) -> IntArray | None:
+    """The colours of a whole file, as 8 bits where its 16 hold no more: all of them times 257, or
+    256, or as they are.
+
+    >>> settled_colour(np.array([[257, 0, 65535]], np.uint16)).tolist()
+    [[1, 0, 255]]
+    """
+    if colour is None or colour.dtype != np.uint16:
+        return colour
+    if colour.max(initial=0) <= 255:
+        return colour.astype(np.uint8)
+    for step in (257, 256):
+        if not (colour[:1000] % step).any() and not (colour % step).any():
+            return (colour >> 8).astype(np.uint8)
+    return colour
 
 
 def columns_of_cloud(cloud: Cloud) -> dict[str, np.ndarray]:
@@ -184,3 +216,20 @@ def columns_of_cloud(cloud: Cloud) -> dict[str, np.ndarray]:
     if cloud.intensity is not None:
         table["intensity"] = cloud.intensity
     return table | {name: values for name, values in cloud.columns.items() if name not in table}
+
+
+def has_fine_colours(cloud: Cloud) -> bool:
+    """Whether eight bits are too few for the colours, or may be for those of later pieces."""
+    colour = cloud.colour
+    if colour is None or colour.dtype != np.uint16:
+        return False
+    return not colour.any() or settled_colour(colour).dtype == np.uint16  # type: ignore[union-attr]
+
+
+def columns_in_8_bits(cloud: Cloud, with_fine: bool) -> dict[str, np.ndarray]:
+    """As ``columns_of_cloud``, colours in eight bits, for formats in which few programs read more;
+    on request those of 16 bits stand beside them."""
+    table = columns_of_cloud(replace(cloud, colour=cloud.colour_8bit))
+    if with_fine and cloud.colour is not None:
+        table |= dict(zip(_FINE, cloud.colour.T, strict=True))
+    return table

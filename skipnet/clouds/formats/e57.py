@@ -43,14 +43,20 @@ _KINDS = {
 }
 _HIDDEN = {*_CARTESIAN, *_SPHERICAL, *_COLOURS, *_NORMALS, "intensity"}
 _HIDDEN |= {"cartesianInvalidState", "sphericalInvalidState"}
+OWN_COLUMNS = "skipnet:"
+"""How columns begin that the standard has no name for."""
 _CRC_BYTES, _DEEPEST, _LARGEST_XML = 4, 64, 1 << 26
 
 
-def read_e57(path: Path) -> Iterator[Cloud]:
+def read_e57(path: Path, in_pieces: bool = False) -> Iterator[Cloud]:
     """The scans of the file, one after the other, in the file's common frame.
 
     A scan's viewpoint is its pose's place, where it has a pose. Points that the scanner marked as
     invalid are left out.
+
+    Args:
+        path: of the file.
+        in_pieces: each scan comes as several clouds, so that no more than one need be in memory.
 
     Raises:
         ValueError: it is damaged or ends before its last point.
@@ -65,12 +71,17 @@ def read_e57(path: Path) -> Iterator[Cloud]:
     try:
         crs = _crs(file)
         for number in range(file.scan_count):
-            with _errors_of(path):
-                cloud = _read_scan(file, number, path)
-            if len(cloud):
-                yield replace(cloud, crs=crs)
+            scan = _read_scan(file, number, path, in_pieces)
+            while (cloud := _next(scan, path)) is not None:
+                if len(cloud):
+                    yield replace(cloud, crs=crs)
     finally:
         file.close()
+
+
+def _next(scan: Iterator[Cloud], path: Path) -> Cloud | None:
+    with _errors_of(path):
+        return next(scan, None)
 
 
 def _crs(file: pye57.E57) -> str:
@@ -94,24 +105,53 @@ def _errors_of(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: truncated or not an E57 file: {message}") from error
 
 
-def _read_scan(file: pye57.E57, number: int, path: Path) -> Cloud:
+def _read_scan(file: pye57.E57, number: int, path: Path, in_pieces: bool) -> Iterator[Cloud]:
     header = file.get_header(number)
-    fields = [name for name in header.point_fields if name in _KINDS]
-    table = _read_records(file, header, fields, f"{path}: scan {number}")
-    valid = _valid(table, header.point_count)
-    kept = {name: values[valid] for name, values in table.items()}
     name = header["name"].value() if "name" in header.scan_fields else ""
+    name = f"{path}: {name or f'scan {number}'}" if file.scan_count > 1 else str(path)
+    tables = _read_records(file, header, f"{path}: scan {number}")
+    for table in tables if in_pieces else _as_one(tables):
+        yield _posed(_cloud(table, header, name, path), header, path)
+
+
+def _as_one(tables: Iterator[dict[str, np.ndarray]]) -> Iterator[dict[str, np.ndarray]]:
+    """The pieces of a table, at least one, together."""
+    pieces = list(tables)
+    yield {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+
+
+def _cloud(table: dict[str, np.ndarray], header: Any, name: str, path: Path) -> Cloud:
+    """What one piece of a scan, or all of it, holds of valid points, in the scan's frame."""
+    valid = _valid(table)
+    kept = {name: values[valid] for name, values in table.items()}
     invalid = len(valid) - int(np.count_nonzero(valid))
-    cloud = Cloud(
+    return Cloud(
         points_m=_places(kept, path),
         colour=_colour(kept, header),
         intensity=kept.get("intensity"),
         normals=stacked([kept[name] for name in _NORMALS]) if set(_NORMALS) <= set(kept) else None,
-        columns={name: values for name, values in kept.items() if name not in _HIDDEN},
-        name=f"{path}: {name or f'scan {number}'}" if file.scan_count > 1 else str(path),
+        columns={
+            column.removeprefix(OWN_COLUMNS): values
+            for column, values in kept.items()
+            if column not in _HIDDEN
+        },
+        name=name,
         notes=(f"dropped {invalid:,} invalid of {len(valid):,} points",) if invalid else (),
     )
-    return _posed(cloud, header, path)
+
+
+def _kinds(header: Any) -> dict[str, type]:
+    """What each column of a scan is read as: those of the standard, and numbers of extensions."""
+    from pye57 import libe57
+
+    read_as = {
+        libe57.NodeType.E57_INTEGER: np.longlong,
+        libe57.NodeType.E57_SCALED_INTEGER: np.float64,
+        libe57.NodeType.E57_FLOAT: np.float64,
+    }
+    nodes = libe57.StructureNode(header.points.prototype())
+    found = {name: read_as.get(nodes.get(name).type()) for name in header.point_fields}
+    return {name: kind for name, kind in (found | _KINDS).items() if kind and name in found}
 
 
 def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
@@ -128,34 +168,31 @@ def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
     return Cloud(**{**vars(moved), "viewpoint_m": place_m})
 
 
-def _read_records(
-    file: pye57.E57, header: Any, fields: list[str], what: str
-) -> dict[str, np.ndarray]:
-    """The columns of a scan; as many as the header announces, or an error."""
+def _read_records(file: pye57.E57, header: Any, what: str) -> Iterator[dict[str, np.ndarray]]:
+    """The columns of a scan, a piece at a time and one in any case; as many rows as the header
+    announces, or an error."""
     from pye57 import libe57
 
+    kinds = _kinds(header)
     announced = int(header.point_count)
     capacity = max(1, min(announced, RECORDS_AT_ONCE))
-    arrays = {name: np.zeros(capacity, _KINDS[name]) for name in fields}
+    arrays: dict[str, np.ndarray] = {name: np.zeros(capacity, kind) for name, kind in kinds.items()}
     buffers = libe57.VectorSourceDestBuffer()
     for name, array in arrays.items():
         buffers.append(libe57.SourceDestBuffer(file.image_file, name, array, capacity, True, True))
-    pieces: list[dict[str, np.ndarray]] = []
     reader, present = header.points.reader(buffers), 0
     while present < announced and (count := reader.read()):
-        pieces.append({name: array[:count].copy() for name, array in arrays.items()})
+        yield {name: array[:count].copy() for name, array in arrays.items()}
         present += count
     reader.close()
     if present != announced:
         raise ValueError(f"{what}: truncated: announces {announced} points, holds {present}")
-    return {
-        name: np.concatenate([piece[name] for piece in pieces]) if pieces else arrays[name][:0]
-        for name in fields
-    }
+    if present == 0:
+        yield {name: array[:0] for name, array in arrays.items()}
 
 
-def _valid(table: dict[str, np.ndarray], count: int) -> BoolArray:
-    valid = np.ones(count, bool)
+def _valid(table: dict[str, np.ndarray]) -> BoolArray:
+    valid = np.ones(len(next(iter(table.values()), ())), bool)
     for name in ("cartesianInvalidState", "sphericalInvalidState"):
         if name in table:
             valid &= table[name] == 0
@@ -181,8 +218,8 @@ def _colour(table: dict[str, np.ndarray], header: Any) -> IntArray | None:
     if "colorLimits" not in header.scan_fields:
         return as_colour(colours)
     brightest = float(header["colorLimits"]["colorRedMaximum"].value())
-    scaled = stacked(colours) * (255 / brightest if brightest > 0 else 1)
-    return np.clip(np.rint(np.nan_to_num(scaled)), 0, 255).astype(np.uint8)
+    scaled = stacked(colours) * (65535 / brightest if brightest > 0 else 257)
+    return np.clip(np.rint(np.nan_to_num(scaled)), 0, 65535).astype(np.uint16)
 
 
 def _check_xml(path: Path) -> None:

@@ -6,6 +6,7 @@ Format: ASTM E2807, with the extension for normals.
 
 from __future__ import annotations
 
+import re
 import uuid
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.clouds.formats.e57 import OWN_COLUMNS
 from skipnet.storage import replacing
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -45,6 +47,7 @@ def open_e57(path: Path, crs: str = "") -> Any:
     file = libe57.ImageFile(str(path), "w")
     file.extensionsAdd("", libe57.E57_V1_0_URI)
     file.extensionsAdd("nor", _NORMALS_URI)
+    file.extensionsAdd(OWN_COLUMNS.rstrip(":"), "urn:skipnet:columns")
     root = file.root()
     root.set("formatName", libe57.StringNode(file, "ASTM E57 3D Imaging Data File"))
     root.set("guid", libe57.StringNode(file, f"{{{uuid.uuid4()}}}"))
@@ -107,14 +110,24 @@ def _columns(cloud: Cloud) -> dict[str, np.ndarray]:
         columns |= dict(zip(_COLOURS, cloud.colour.T, strict=True))
     if cloud.normals is not None:
         columns |= dict(zip(_NORMALS, cloud.normals.T, strict=True))
-    known = {name: cloud.columns[name] for name in cloud.columns if name in (*_WHOLE, "timeStamp")}
-    return {**columns, **known}
+    return columns | {_field(name): values for name, values in cloud.columns.items()}
+
+
+def _field(name: str) -> str:
+    """What a column is called in the file, which takes letters, digits and few signs."""
+    if name in (*_WHOLE, "timeStamp"):
+        return name
+    return OWN_COLUMNS + re.sub("[^A-Za-z0-9_.-]", "_", name if name[:1].isalpha() else f"_{name}")
 
 
 def _as_kept(field: str, values: np.ndarray) -> np.ndarray:
-    if field in _WHOLE or field in _COLOURS or field in _STATES:
-        return np.ascontiguousarray(values, np.longlong)
-    return np.ascontiguousarray(values, np.float64)
+    return np.ascontiguousarray(values, np.longlong if _is_whole(field, values) else np.float64)
+
+
+def _is_whole(field: str, values: np.ndarray) -> bool:
+    if field in _COLOURS or field in _STATES or field in _WHOLE:
+        return True
+    return field.startswith(OWN_COLUMNS) and values.dtype.kind in "iub"
 
 
 def _kind_of(file: Any, field: str, values: np.ndarray) -> Any:
@@ -122,11 +135,15 @@ def _kind_of(file: Any, field: str, values: np.ndarray) -> Any:
     from pye57 import libe57
 
     if field in _COLOURS or field in _STATES:
-        return libe57.IntegerNode(file, 0, 0, 255 if field in _COLOURS else 2)
-    if field in _WHOLE:
+        return libe57.IntegerNode(file, 0, 0, _brightest(values) if field in _COLOURS else 2)
+    if _is_whole(field, values):
         low, high = int(np.min(values, initial=0)), int(np.max(values, initial=0))
         return libe57.IntegerNode(file, low, low, high)
     return libe57.FloatNode(file, 0.0, libe57.E57_DOUBLE)
+
+
+def _brightest(colours: np.ndarray) -> int:
+    return 65535 if colours.dtype == np.uint16 else 255
 
 
 def _floats(file: Any, values: Mapping[str, float]) -> Any:
@@ -150,5 +167,5 @@ def _set_limits(file: Any, scan: Any, columns: Mapping[str, np.ndarray]) -> None
         limits = libe57.StructureNode(file)
         for colour in _COLOURS:
             limits.set(f"{colour}Minimum", libe57.IntegerNode(file, 0))
-            limits.set(f"{colour}Maximum", libe57.IntegerNode(file, 255))
+            limits.set(f"{colour}Maximum", libe57.IntegerNode(file, _brightest(columns[colour])))
         scan.set("colorLimits", limits)

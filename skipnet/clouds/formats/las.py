@@ -5,8 +5,9 @@ Format: ASPRS, LAS specification 1.4.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from skipnet.checks import METRES_PER_UNIT, missing_package
 from skipnet.clouds.cloud import Cloud, concatenate
-from skipnet.clouds.formats.columns import cloud_of_columns, stacked
+from skipnet.clouds.formats.columns import cloud_of_columns, stacked, take_intensity
 from skipnet.clouds.formats.coordinate_systems import DEGREES, unit_of_geokeys, unit_of_wkt
 from skipnet.clouds.formats.las_sizes import check_sizes
 from skipnet.clouds.formats.panics import without_trace
@@ -83,15 +84,36 @@ def _cloud(records: Any, header: laspy.LasHeader, crs: str, unit: str, path: Pat
     table = dict(zip("xyz", (raw * header.scales + header.offsets).T, strict=True))
     for name in records.point_format.dimension_names:
         values = np.asarray(records[name])
-        if name in ("X", "Y", "Z") or not values.any():
+        if name in ("X", "Y", "Z"):
             continue
-        if values.ndim == 1:
+        if values.ndim == 1 and not values.any():  # unused here, perhaps not in the next piece
+            table[name] = np.broadcast_to(values.dtype.type(0), len(values))
+        elif values.ndim == 1:
             table[name] = values
         else:
             table |= {f"{name} {k}": column for k, column in enumerate(values.T)}
     offset_m = np.array(header.offsets) * METRES_PER_UNIT[unit]
     cloud = cloud_of_columns(table, path, unit, offset_m=offset_m, crs=crs)
-    return replace(cloud, viewpoint_m=_place_m(header))
+    # As 16 bits, so that a writer knows without having seen them all that none is beyond.
+    intensity = None if cloud.intensity is None else cloud.intensity.astype(np.uint16)
+    return replace(cloud, viewpoint_m=_place_m(header), intensity=intensity)
+
+
+def without_unused(pieces: Sequence[Cloud]) -> list[Cloud]:
+    """The pieces of a file without the dimensions that are zero in all of them: a point format has
+    some twenty, of which few are used."""
+    used = {name for piece in pieces for name, values in piece.columns.items() if values.any()}
+    has_colour, has_intensity = (
+        any(values is not None and values.any() for values in column)
+        for column in ([piece.colour for piece in pieces], [piece.intensity for piece in pieces])
+    )
+    kept = []
+    for piece in pieces:
+        columns = {name: values for name, values in piece.columns.items() if name in used}
+        intensity = piece.intensity if has_intensity else take_intensity(columns)
+        colour = piece.colour if has_colour else None
+        kept.append(replace(piece, colour=colour, intensity=intensity, columns=columns))
+    return kept
 
 
 def _place_m(header: laspy.LasHeader) -> np.ndarray | None:
@@ -133,19 +155,36 @@ def _unit(header: laspy.LasHeader, crs: str, path: Path) -> str:
 
 
 def write_las(path: Path, clouds: Iterable[Cloud]) -> None:
-    """Write LAS 1.4, or LAZ if the path says so, whole or not at all.
+    """Write pieces of one cloud as LAS 1.4, or LAZ if the path says so, whole or not at all.
 
     Coordinates are whole tenths of a millimetre from the cloud's offset. Columns keep their names;
-    those that the point format lacks become extra dimensions.
+    those that the point format lacks become extra dimensions. What the first piece holds the file
+    has room for; only where intensities must be scaled, by all of them, are all pieces in memory.
     """
     import laspy
 
-    cloud = concatenate(list(clouds))
+    pieces = iter(clouds)
+    first = next(pieces)
+    if first.intensity is not None and first.intensity.dtype.kind not in "iu":
+        first, pieces = concatenate([first, *pieces]), iter(())
+    header = _header_of(first)
+    with (
+        replacing(path) as temporary,
+        laspy.open(
+            str(temporary), mode="w", header=header, do_compress=path.suffix.lower() == ".laz"
+        ) as file,
+    ):
+        for piece in chain([first], pieces):
+            file.write_points(_records_of(piece, header))
+
+
+def _header_of(cloud: Cloud) -> laspy.LasHeader:
+    import laspy
+
     per_unit = METRES_PER_UNIT[cloud.unit]
     header = laspy.LasHeader(version="1.4", point_format=6 if cloud.colour is None else 7)
-    points = cloud.points_m / per_unit
     header.scales = np.full(3, _SCALE_M / per_unit)
-    header.offsets = _offset(points, cloud.offset_m / per_unit)
+    header.offsets = _offset(cloud.points_m / per_unit, cloud.offset_m / per_unit)
     _add_dimensions(header, cloud)
     if cloud.crs:
         header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(cloud.crs))
@@ -153,11 +192,25 @@ def write_las(path: Path, clouds: Iterable[Cloud]) -> None:
     if cloud.viewpoint_m is not None:
         data = np.asarray(cloud.viewpoint_m, "<f8").tobytes()
         header.vlrs.append(laspy.VLR(*_PLACE_RECORD, "sensor's place, metres", data))
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = points.T
-    _fill(las, cloud)
-    with replacing(path) as temporary:
-        las.write(str(temporary))
+    return header
+
+
+def _records_of(cloud: Cloud, header: laspy.LasHeader) -> Any:
+    import laspy
+
+    records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
+    records.x, records.y, records.z = (cloud.points_m / METRES_PER_UNIT[cloud.unit]).T
+    if cloud.colour is not None and "red" in header.point_format.dimension_names:
+        fine = cloud.colour.dtype == np.uint16
+        for name, values in zip(("red", "green", "blue"), cloud.colour.T, strict=True):
+            records[name] = values.astype(np.uint16) * (1 if fine else 257)
+    if cloud.intensity is not None:
+        records["intensity"] = _as_16_bits(cloud.intensity)
+    present = set(header.point_format.dimension_names)
+    for name, values in _extra(cloud).items():
+        if name[:32] in present:
+            records[name[:32]] = values
+    return records
 
 
 def _offset(points: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -182,15 +235,6 @@ def _extra(cloud: Cloud) -> dict[str, np.ndarray]:
         {} if cloud.normals is None else dict(zip(("nx", "ny", "nz"), cloud.normals.T, strict=True))
     )
     return {**normals, **cloud.columns}
-
-
-def _fill(las: laspy.LasData, cloud: Cloud) -> None:
-    if cloud.colour is not None:
-        las.red, las.green, las.blue = cloud.colour.T.astype(np.uint16) * 257
-    if cloud.intensity is not None:
-        las.intensity = _as_16_bits(cloud.intensity)
-    for name, values in _extra(cloud).items():
-        las[name[:32]] = values
 
 
 def _as_16_bits(intensity: np.ndarray) -> np.ndarray:

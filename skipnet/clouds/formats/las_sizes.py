@@ -49,6 +49,17 @@ def check_sizes(path: Path) -> None:
             )
 
 
+def unpacked_bytes(path: Path) -> int:
+    """What the points of a file that its compressor may have packed take, as the header says.
+
+    Raises:
+        ValueError: its header is damaged, or it is no LAS file.
+    """
+    with open(path, "rb") as file:
+        head = _read_head(file, path)
+    return head.points * head.record_bytes
+
+
 def _read_head(file: BinaryIO, path: Path) -> _Head:
     size = os.fstat(file.fileno()).st_size
     head = file.read(375).ljust(375, b"\0")

@@ -15,7 +15,11 @@ from typing import BinaryIO
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud, concatenate
-from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud
+from skipnet.clouds.formats.columns import (
+    cloud_of_columns,
+    columns_in_8_bits,
+    has_fine_colours,
+)
 from skipnet.clouds.formats.lzf import LARGEST_RATIO, decompress
 from skipnet.clouds.formats.pcd_header import PcdHeader, read_header
 from skipnet.storage import replacing
@@ -42,7 +46,7 @@ def read_pcd(path: Path) -> Iterator[Cloud]:
 def _cloud(fields: list[np.ndarray], header: PcdHeader, path: Path) -> Cloud:
     table: dict[str, np.ndarray] = {}
     for name, count, values in zip(header.names, header.counts, fields, strict=True):
-        if name in _PACKED and count == 1 and values.dtype.itemsize == 4:
+        if name.lower() in _PACKED and count == 1 and values.dtype.itemsize == 4:
             table |= _unpacked(values[:, 0])
         elif count == 1 and name != "_" and name not in table:
             table[name] = values[:, 0]
@@ -72,7 +76,7 @@ def _ascii(file: BinaryIO, header: PcdHeader, path: Path) -> Iterator[list[np.nd
     ends = np.cumsum(header.counts)
     columns = np.split(rows if len(rows) else np.empty((0, width)), ends[:-1], axis=1)
     yield [
-        _retyped(values, kind, name in _PACKED)
+        _retyped(values, kind, name.lower() in _PACKED)
         for values, kind, name in zip(columns, header.kinds, header.names, strict=True)
     ]
 
@@ -136,7 +140,7 @@ def _compressed(file: BinaryIO, header: PcdHeader, path: Path) -> Iterator[list[
 def write_pcd(path: Path, clouds: Iterable[Cloud]) -> None:
     """Write a cloud as a binary PCD file, whole or not at all, coordinates as doubles."""
     cloud = concatenate(list(clouds))
-    table = columns_of_cloud(cloud)
+    table = columns_in_8_bits(cloud, has_fine_colours(cloud))
     if cloud.colour is not None:
         red, green, blue = (table.pop(name).astype(np.uint32) for name in ("red", "green", "blue"))
         table["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)

@@ -8,6 +8,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from skipnet.clouds.formats.columns import decoded
 from skipnet.types import FloatArray
 
 _LONGEST_HEADER_LINES = 100
@@ -48,15 +49,15 @@ def read_header(file: BinaryIO, path: Path) -> PcdHeader:
     """
     lines: dict[str, list[str]] = {}
     for _ in range(_LONGEST_HEADER_LINES):
-        words = file.readline(4096).decode("latin-1").split()
+        words = decoded(file.readline(4096)).split()
         if words and not words[0].startswith("#"):
             lines[words[0].upper()] = words[1:]
         if "DATA" in lines:
             break
-    names = [name.lower() for name in lines.get("FIELDS", lines.get("COLUMNS", []))]
+    names = lines.get("FIELDS", lines.get("COLUMNS", []))
     if "DATA" not in lines or not names:
         raise ValueError(f"{path}: truncated or not a PCD file: its header lacks FIELDS or DATA")
-    if not {"x", "y", "z"} <= set(names):
+    if not {"x", "y", "z"} <= {name.lower() for name in names}:
         raise ValueError(f"{path}: its FIELDS lack x, y or z: they are {' '.join(names)[:80]}")
     encoding = " ".join(lines["DATA"]).lower()
     if encoding not in _ENCODINGS:

@@ -15,7 +15,11 @@ from typing import BinaryIO
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
-from skipnet.clouds.formats.columns import cloud_of_columns, columns_of_cloud
+from skipnet.clouds.formats.columns import (
+    cloud_of_columns,
+    columns_in_8_bits,
+    has_fine_colours,
+)
 from skipnet.clouds.formats.lists import read_ascii, read_binary
 from skipnet.clouds.formats.ply_header import Element, read_header, remarks_on
 from skipnet.clouds.formats.sampling import is_coarse, sample_triangles
@@ -113,10 +117,12 @@ def write_ply(path: Path, clouds: Iterable[Cloud]) -> None:
 
     All pieces have the columns of the first.
     """
-    count, kinds, remarks = 0, [(axis, "f8") for axis in "xyz"], ""
+    count, kinds, remarks, is_fine = 0, [(axis, "f8") for axis in "xyz"], "", False
     with replacing(path) as temporary, open(temporary, "wb") as file:
         for cloud in clouds:
-            table = columns_of_cloud(cloud)
+            if not count:
+                is_fine = has_fine_colours(cloud)
+            table = columns_in_8_bits(cloud, is_fine)
             if not count:
                 kinds = [(name.replace(" ", "_"), _kind(table[name])) for name in table]
                 remarks = remarks_on(cloud)

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
-from skipnet.clouds.formats.columns import unit_in
+from skipnet.clouds.formats.columns import decoded, unit_in
 from skipnet.types import FloatArray
 
 _TYPES = {
@@ -72,7 +72,7 @@ def read_header(file: BinaryIO, path: Path) -> Header:
         raise ValueError(f"{path}: not a PLY file: its first line is not 'ply'")
     format_name, header = "", Header()
     for _ in range(_LONGEST_HEADER_LINES):
-        words = file.readline(_LONGEST_LINE).decode("latin-1").split()
+        words = decoded(file.readline(_LONGEST_LINE)).split()
         keyword = words[0].lower() if words else ""
         if keyword == "end_header":
             break
@@ -100,7 +100,7 @@ def read_header(file: BinaryIO, path: Path) -> Header:
 def _heed(remark: str, header: Header) -> None:
     """Take from a remark what it says of the points; what makes no sense is a remark."""
     if remark.startswith(_CRS):
-        header.crs = remark[len(_CRS) :].strip().encode("latin-1").decode(errors="replace")
+        header.crs = remark[len(_CRS) :].strip()
     elif remark.startswith(_PLACE):
         try:
             place_m = np.array([float(word) for word in remark[len(_PLACE) :].split()])
@@ -135,6 +135,8 @@ def remarks_on(cloud: Cloud) -> str:
     said = []
     if cloud.viewpoint_m is not None:
         said.append(f"{_PLACE} {' '.join(repr(float(value)) for value in cloud.viewpoint_m)}")
+    if cloud.unit != "m":
+        said.append(f"units: {cloud.unit}")
     if cloud.crs:
         said.append(f"{_CRS} {' '.join(cloud.crs.split())}")
     return "".join(f"comment {line}\n" for line in said)

@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.checks import METRES_PER_UNIT, check_known
+from skipnet.checks import METRES_PER_UNIT, as_path, check_known
 from skipnet.clouds.cloud import Cloud, concatenate
 from skipnet.clouds.formats.arrays import read_numpy
+from skipnet.clouds.formats.columns import settled_colour
 from skipnet.clouds.formats.depth import read_depth
 from skipnet.clouds.formats.e57 import read_e57
 from skipnet.clouds.formats.kitti import read_kitti
-from skipnet.clouds.formats.las import read_las
+from skipnet.clouds.formats.las import read_las, without_unused
 from skipnet.clouds.formats.meshes import read_mesh
 from skipnet.clouds.formats.pcd import read_pcd
 from skipnet.clouds.formats.ply import read_ply
@@ -40,6 +41,7 @@ _MAGIC: dict[bytes, str] = {
 }
 """How files begin whose format names itself."""
 _TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
+_LAS = (".las", ".laz")
 _SCANS = (".e57", ".ptx")
 """Formats that may hold several scans."""
 _LONGEST_LINE = 480
@@ -67,7 +69,9 @@ def read_cloud(path: str | os.PathLike[str], unit: str = "auto") -> Cloud:
         ModuleNotFoundError: the format needs an optional package; the message holds the pip
             command.
     """
-    return _finished(replace(concatenate(list(read_chunks(path, unit))), name=str(path)))
+    path = as_path(path, "path")
+    chunks = list(read_chunks(path, unit, whole_scans=True))
+    return _finished(replace(_joined(chunks, path), name=str(path)))
 
 
 def read_points(path: str | os.PathLike[str], unit: str = "auto") -> FloatArray:
@@ -77,21 +81,24 @@ def read_points(path: str | os.PathLike[str], unit: str = "auto") -> FloatArray:
 
 def read_scans(path: str | os.PathLike[str], unit: str = "auto") -> list[Cloud]:
     """As ``read_cloud``, each scan of a file that holds several (E57, PTX) on its own."""
-    chunks = list(read_chunks(path, unit))
+    chunks = list(read_chunks(path, unit, whole_scans=True))
     if _format_of(Path(path)) not in _SCANS:
-        return [_finished(concatenate(chunks))]
+        return [_finished(_joined(chunks, Path(path)))]
     return [_finished(scan) for scan in chunks]
 
 
-def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cloud]:
-    """As ``read_cloud``, 262,144 points at a time where the format allows it, rows of NaN included.
+def read_chunks(
+    path: str | os.PathLike[str], unit: str = "auto", whole_scans: bool = False
+) -> Iterator[Cloud]:
+    """As ``read_cloud``, 262,144 points at a time where the format allows it, rows of NaN included;
+    with ``whole_scans`` one cloud for each scan of a file that holds several.
 
     Errors in a file's middle are raised when the reading gets there.
 
     Yields:
         Clouds of one point or more.
     """
-    path = Path(path)
+    path = as_path(path, "path")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     if path.is_dir():
@@ -101,13 +108,20 @@ def read_chunks(path: str | os.PathLike[str], unit: str = "auto") -> Iterator[Cl
     if unit != "auto":
         check_known("unit", unit, tuple(METRES_PER_UNIT))
     is_empty = True
+    extension = _format_of(path)
+    options = {"in_pieces": not whole_scans} if extension == ".e57" else {}
     with _clear_errors(path):
-        for cloud in _READERS[_format_of(path)](path):
+        for cloud in _READERS[extension](path, **options):
             if len(cloud):
                 is_empty = False
                 yield cloud if unit in ("auto", cloud.unit) else _in_unit(cloud, unit)
     if is_empty:
         raise ValueError(f"{path}: holds no points")
+
+
+def _joined(chunks: list[Cloud], path: Path) -> Cloud:
+    """The pieces of a file as one, without dimensions that only its format has."""
+    return concatenate(without_unused(chunks) if _format_of(path) in _LAS else chunks)
 
 
 @contextmanager
@@ -181,7 +195,7 @@ def _in_unit(cloud: Cloud, unit: str) -> Cloud:
 
 def _finished(cloud: Cloud) -> Cloud:
     """Without rows of NaN and without a viewpoint that cannot be right."""
-    cloud = cloud.finite()
+    cloud = replace(cloud, colour=settled_colour(cloud.colour)).finite()
     if not len(cloud):
         raise ValueError(f"{cloud.name}: holds no points but NaN or infinity")
     place_m = cloud.viewpoint_m
@@ -196,13 +210,13 @@ def _finished(cloud: Cloud) -> Cloud:
     return cloud
 
 
-_READERS: dict[str, Callable[[Path], Iterator[Cloud]]] = {
+_READERS: dict[str, Callable[..., Iterator[Cloud]]] = {
     ".ply": read_ply,
     ".pcd": read_pcd,
     **dict.fromkeys(_TEXTS, read_text),
     ".ptx": read_ptx,
     **dict.fromkeys((".npy", ".npz"), read_numpy),
-    **dict.fromkeys((".las", ".laz"), read_las),
+    **dict.fromkeys(_LAS, read_las),
     ".e57": read_e57,
     ".bin": read_kitti,
     ".png": read_depth,

@@ -91,8 +91,16 @@ def _begins_points(coming: Sequence[str]) -> bool:
     rows = [pieces(line) for line in coming]
     if sum(is_number(word) or word.lower() == "nan" for word in rows[0]) < 3:
         return False
+    if len(rows) > 1 and _counts_columns(rows[0]) and not _counts_columns(rows[1]):
+        return False
     widths = [len(row) for row in rows]
     return len(rows) < 3 or widths[1] == widths[0] or widths[2] != widths[1]
+
+
+def _counts_columns(words: Sequence[str]) -> bool:
+    """Whether a line is 0, 1, 2, ...: what tables of data frames have for names."""
+    counted = [word for word in words if is_number(word)]
+    return counted == [str(number) for number in range(len(counted))]
 
 
 def _find_names(head: Head, above: Sequence[str], width: int, path: Path) -> None:
@@ -113,7 +121,8 @@ def _find_names(head: Head, above: Sequence[str], width: int, path: Path) -> Non
         head.names, left = (fitting[-1] if fitting else None), list(above)
     if left:
         words = " ".join(left[0].split())[:40]
-        head.notes = (f"left out {len(left)} lines above the points, such as {words!r}",)
+        count = "a line" if len(left) == 1 else f"{len(left)} lines"
+        head.notes = (f"left out {count} above the points, such as {words!r}",)
 
 
 def _with_units(names: list[str], units: Sequence[str]) -> list[str]:

@@ -131,7 +131,8 @@ def _check_places(table: FloatArray, path: Path) -> None:
     if shines and not (counts or tells_time):
         what = "lies between 0 and 1, as an intensity does, and column 4 does not"
     column = (counting or ([1] if tells_time or shines else odd))[0]
+    named = "row column x y z" if odd == [1, 2] else "row x y z"
     raise ValueError(
         f"{path}: column {column} {what}: it is hardly a "
-        "coordinate; name the columns in a first line, such as: row x y z"
+        f"coordinate; name the columns in a first line, such as: {named}"
     )

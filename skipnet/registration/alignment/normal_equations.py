@@ -114,7 +114,9 @@ def match_surfaces(
 def _typical_m2(pairs: FloatArray) -> float:
     """Square of the median residual of (K, 8) pairs."""
     every = 1 + len(pairs) // _MEDIAN_SAMPLES
-    return float(np.median(np.abs(pairs[::every, 6]))) ** 2 if len(pairs) else 0.0
+    residuals_m = np.abs(pairs[::every, 6])
+    middle = len(residuals_m) // 2
+    return float(np.partition(residuals_m, middle)[middle]) ** 2 if len(pairs) else 0.0
 
 
 @compiled

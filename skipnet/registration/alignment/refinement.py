@@ -8,7 +8,7 @@ decide and rough ones hardly count. A correspondence is one table lookup; no sea
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -49,15 +49,14 @@ class Refinement:
         loose = _FREE * np.maximum(diagonal, diagonal.max(axis=1, keepdims=True, initial=1e-12))
         return np.linalg.inv(self.information + np.eye(6) * loose[..., None])
 
-    def __getitem__(self, rows: IntArray) -> Refinement:
+    def __getitem__(self, rows: IntArray | slice) -> Refinement:
         """The candidates of some rows."""
-        return Refinement(
-            self.T_target_source[rows],
-            self.information[rows],
-            self.matched[rows],
-            self.centre_m[rows],
-            self.spread_m[rows],
-        )
+        return Refinement(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    def joined(self, others: Refinement) -> Refinement:
+        """These candidates, then the others."""
+        pairs = ((getattr(self, one.name), getattr(others, one.name)) for one in fields(self))
+        return Refinement(*(np.concatenate(pair) for pair in pairs))
 
     def where(self, good: BoolArray, other: Refinement) -> Refinement:
         """These candidates where (C,) ``good`` says so, elsewhere those of the other."""
@@ -87,7 +86,7 @@ def refine(
         min_normal_cosine: smallest cosine between matching normals.
     """
     T: FloatArray = np.array(T_target_source, dtype=np.float64)
-    result = _before_any_level(T)
+    result = no_refinement(T)
     for source, target in levels:
         if min(len(source), len(target)) == 0:
             continue  # a level without surfaces has no hold
@@ -103,7 +102,8 @@ def refine(
     return result
 
 
-def _before_any_level(T: FloatArray) -> Refinement:
+def no_refinement(T: FloatArray) -> Refinement:
+    """(C, 4, 4) poses as they are before any level: nothing holds them."""
     count = len(T)
     matched = np.zeros(count, dtype=np.int64)
     return Refinement(T, np.zeros((count, 6, 6)), matched, np.zeros((count, 3)), np.zeros(count))

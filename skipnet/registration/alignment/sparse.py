@@ -43,6 +43,8 @@ def refine_sparse(
         voxel_size_m: edge of a voxel.
     """
     T = before.T_target_source
+    if len(T) == 0:
+        return before
     share = max(1, len(source.points_m) // SAMPLES)
     rows = np.arange(0, len(source.points_m), share)
     for reach_voxels in REACHES_VOXELS:

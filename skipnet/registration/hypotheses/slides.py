@@ -76,11 +76,11 @@ def _lines_of_translation(
     for i, j in combinations(range(len(directions)), 2):
         direction = np.cross(directions[i], directions[j])
         direction /= np.linalg.norm(direction)
-        axes = np.array([directions[i], directions[j], direction])
+        to_start = np.linalg.inv(np.array([directions[i], directions[j], direction]))[:, :2]
         for (shift_i, weight_i), (shift_j, weight_j) in product(
             zip(*votes[i], strict=True), zip(*votes[j], strict=True)
         ):
-            start_m = np.linalg.solve(axes, np.array([shift_i, shift_j, 0.0]))
+            start_m = to_start @ np.array([shift_i, shift_j])
             slides.append(_Slide(rotation, start_m, direction, float(weight_i + weight_j)))
     return slides
 
@@ -92,8 +92,9 @@ def _walk(
     moved_m = source_m @ (slide.rotation.T @ slide.direction)
     along_m = target_m @ slide.direction
     first_m, last_m = along_m.min() - moved_m.max(), along_m.max() - moved_m.min()
-    middle_m, half_m = np.median(along_m) - np.median(moved_m), MOST_STEPS / 2 * voxel_size_m
-    first_m, last_m = max(first_m, middle_m - half_m), min(last_m, middle_m + half_m)
+    if last_m - first_m > MOST_STEPS * voxel_size_m:
+        middle_m, half_m = np.median(along_m) - np.median(moved_m), MOST_STEPS / 2 * voxel_size_m
+        first_m, last_m = max(first_m, middle_m - half_m), min(last_m, middle_m + half_m)
     steps_m = np.arange(first_m, last_m, voxel_size_m) - slide.start_m @ slide.direction
     translations_m = slide.start_m + steps_m[:, None] * slide.direction
     rotations = np.broadcast_to(slide.rotation, (len(steps_m), 3, 3))

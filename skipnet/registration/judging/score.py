@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 MISMATCH_WEIGHT = 2.0
 """How fast mismatches devalue a pose: by exp(-weight * mismatch / support)."""
+CHANCE_SCORE = 0.05
+"""What some pose always scores: a lead counts against this, though no rival be found."""
 STRAY_SHARE = 0.0003
 """Share of voxels that may contradict by chance: one of 4000 samples."""
 
@@ -56,6 +58,15 @@ class Score:
     """As ``violation``, likewise."""
     mismatch: FloatArray
     """Mean of both ways' shares of the worth that lies beside the other scan's surface."""
+
+    def __getitem__(self, rows: IntArray | slice) -> Score:
+        """The figures of some rows."""
+        return Score(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    def joined(self, others: Score) -> Score:
+        """These candidates' figures, then the others'."""
+        pairs = ((getattr(self, one.name), getattr(others, one.name)) for one in fields(self))
+        return Score(*(np.concatenate(pair) for pair in pairs))
 
     @property
     def mismatch_rate(self) -> FloatArray:

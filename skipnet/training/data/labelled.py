@@ -13,6 +13,7 @@ from skipnet.features.cylinders import SECTORS, cylinder_patches
 from skipnet.features.patches import build_patches, feature_voxels
 from skipnet.geometry import random_rotation
 from skipnet.parallel.pools import Each
+from skipnet.progress import counted
 from skipnet.simulation.scanning.pairs import simulate_scans
 from skipnet.simulation.scanning.scanner import Scanner, SimulatedScan, find_scanner
 from skipnet.simulation.scenes.scenes import Scene
@@ -105,7 +106,7 @@ def make_samples(
     if not families or not seeds:
         raise ValueError("no scenes: give at least one family and one seed")
     work = partial(_samples_of_scene, tuple(families), labelling)
-    return concatenate(list(each(work, seeds)))
+    return concatenate(list(counted("labelled scenes", each(work, seeds), len(seeds))))
 
 
 def concatenate(parts: Sequence[Samples]) -> Samples:

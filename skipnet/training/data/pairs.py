@@ -18,6 +18,7 @@ from skipnet.features.cylinders import cylinder_patches, turned_over
 from skipnet.geometry import invert
 from skipnet.metrics.correspondences import TwoScans, true_correspondences
 from skipnet.parallel.pools import Each
+from skipnet.progress import counted
 from skipnet.simulation.scanning.degrading import degrade, fields_of_view, fused
 from skipnet.simulation.scanning.pairs import simulate_scans
 from skipnet.simulation.scanning.recipe import Recipe
@@ -92,7 +93,7 @@ def _each_scene(
         raise ValueError("no scenes: give at least one family")
     seeds = list(seeds)
     names = [families[seed % len(families)] for seed in seeds]
-    return list(each(work, names, seeds))
+    return list(counted("pairs of scans", each(work, names, seeds), len(seeds)))
 
 
 def digest(pairs: Sequence[PatchPairs]) -> str:

@@ -17,18 +17,19 @@ import torch
 from skipnet.features.cylinders import KINDS, LEVELS, REACH_VOXELS
 from skipnet.metrics import correspondences as judging
 from skipnet.networks.catalog import load_network, rounded, save_network
-from skipnet.networks.describing import KEPT_SHARE
+from skipnet.networks.describing import KEPT_SHARE, classify_voxels
 from skipnet.networks.devices import find_device
 from skipnet.networks.model import Model
 from skipnet.networks.names import SHIPPED_WEIGHTS
 from skipnet.networks.numpy_network import SmallNetwork
 from skipnet.parallel.pools import worker_pool
+from skipnet.progress import tell
 from skipnet.simulation.scenes.scenes import check_families
 from skipnet.storage import write_config, write_text
 from skipnet.training import reports
 from skipnet.training.data.labelled import Samples
 from skipnet.training.descriptor_options import DescriptorTrainConfig
-from skipnet.training.experiments.classes_alone import check_settings
+from skipnet.training.experiments.classes_alone import check_settings, class_labelling
 from skipnet.training.experiments.lessons import Sets, Unseen, make_sets, make_unseen
 from skipnet.training.networks.cyclic import DescriptorNetwork, Widths
 from skipnet.training.networks.perceptron import Classifier, classify, round_to_half
@@ -71,6 +72,7 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         write_config(config, folder / "config.yaml")  # of the run that was gone on with
         trained_s = time.perf_counter()
         card = make_card(config, sets.lessons, outcome)
+        tell("judging")
         path = folder / "descriptor.npz"
         save_network(weights, card, path)
         descriptor = load_network(path)  # judged as it will be used: rounded
@@ -78,6 +80,7 @@ def train_both_heads(config: TrainConfig) -> dict[str, Any]:
         if config.compare_alone:
             classes["classes alone"] = classes_alone(config, sets, unseen.classes)
         reports.log_embeddings(writer, descriptor, sets.lessons.pairs[:4])
+        log_outcome(writer, config, descriptor, {**scores, **classes})
     card["scores"] = {
         **{name: groups["all"] for name, groups in scores.items()},
         "classes": {name: groups["all"] for name, groups in classes.items()},
@@ -112,10 +115,12 @@ def learn(
     with worker_pool(1) as aside:
         to_come = aside.submit(make_unseen, config)
         outcome = fit(config, sets, writer, device)
+        tell("simulating what it is judged on")
         unseen = to_come.result()
         shared = SmallNetwork(rounded(outcome.network.arrays()), {})
         judged = aside.submit(reports.judge_on_unseen, shared, unseen.scans)
         head = fit_classes(config, sets, shared, writer)
+        tell("judging")
         return outcome, shared.weights | head, unseen, judged.result()
 
 
@@ -188,6 +193,25 @@ def classes_alone(config: TrainConfig, sets: Sets, test: Samples) -> dict[str, d
     alone = Classifier(round_to_half(outcome.network.float()), {})
     predicted = classify(alone, test.patches).argmax(axis=1)
     return score(test, predicted, config.data.families)
+
+
+def log_outcome(
+    writer: SummaryWriter,
+    config: TrainConfig,
+    descriptor: Model,
+    scores: dict[str, dict[str, dict[str, float]]],
+) -> None:
+    """All options beside the final scores, and a Skip-map in 3D by the classes it is given."""
+    descriptors = ("inlier_ratio", "matched_pairs")
+    final = {
+        f"{name} {measure}": groups["all"][measure]
+        for name, groups in scores.items()
+        for measure in (descriptors if "inlier_ratio" in groups["all"] else ("macro_f1",))
+    }
+    reports.log_parameters(writer, config, final)
+    labelling = class_labelling(config.data)
+    classes_of = partial(classify_voxels, network=descriptor)
+    reports.log_skipmap(writer, labelling, classes_of, config.data.families[0])
 
 
 def make_card(config: TrainConfig, lessons: Lessons, outcome: Trained) -> dict[str, Any]:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skipnet.features.patches import build_patches
 from skipnet.metrics.classes import confusion_matrix, macro_f1
 from skipnet.networks.devices import find_device
 from skipnet.parallel.pools import mapping
+from skipnet.progress import tell
 from skipnet.simulation.scanning.scanner import find_scanner
 from skipnet.simulation.scenes.scenes import check_families
 from skipnet.simulation.seeds import CLASS_TEST, CLASS_VALIDATION, TRAINING
+from skipnet.skipmap.skipmap import SkipMap
 from skipnet.storage import write_config
 from skipnet.training import reports
 from skipnet.training.data.labelled import Labelling, Samples, make_samples, thin
@@ -32,11 +35,15 @@ from skipnet.training.networks.perceptron import (
 )
 from skipnet.training.optimizers import find_optimizer
 from skipnet.training.options import TrainConfig
-from skipnet.training.scores import score
+from skipnet.training.scores import CLASS_NAMES, score
 from skipnet.training.tasks.classes import sample_weights, train_classifier
 from skipnet.training.trainer import Outcome
 from skipnet.types import FeatureClass, FloatArray, IntArray
+from skipnet.viz import dashboard
 from skipnet.viz.dashboard import open_dashboard
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
 
 SEEDS = {"training": TRAINING, "validation": CLASS_VALIDATION, "test": CLASS_TEST}
 CHECKPOINT = "checkpoint.pt"
@@ -89,12 +96,26 @@ def run_experiment(config: TrainConfig) -> dict[str, Any]:
         summary = summarise(config, sets, classifier, outcome, scores, seconds)
         counts = confusion_matrix(sets.unseen.labels, predicted)
         reports.write_results(folder, summary, scores, counts)
-        reports.log_results(writer, config, summary, counts)
-        reports.log_skipmap(
-            writer, class_labelling(config.data), classifier, config.data.families[0]
-        )
+        log_results(writer, config, summary, counts)
+        tell("drawing")
+        labelling = class_labelling(config.data)
+
+        def classes_of(skipmap: SkipMap, voxels: IntArray) -> FloatArray:
+            """Probabilities of the classes."""
+            return classify(classifier, build_patches(skipmap, voxels, labelling.patch))
+
+        reports.log_skipmap(writer, labelling, classes_of, config.data.families[0])
     save_classifier(classifier, folder / "classifier.pt")
     return summary
+
+
+def log_results(
+    writer: SummaryWriter, config: TrainConfig, summary: Mapping[str, Any], counts: IntArray
+) -> None:
+    """The confusion matrix of the unseen scenes, and the run's row among the hyper-parameters."""
+    dashboard.log_confusion_matrix(writer, "unseen", counts, CLASS_NAMES)
+    unseen = summary["unseen"]["network"]
+    reports.log_parameters(writer, config, {n: unseen[n] for n in ("macro_f1", "accuracy")})
 
 
 def check_settings(config: TrainConfig) -> None:

@@ -18,6 +18,7 @@ from skipnet.networks.devices import find_device
 from skipnet.networks.model import Model
 from skipnet.networks.names import DEEP_WEIGHTS
 from skipnet.networks.torch_network import TorchNetwork
+from skipnet.progress import counted
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING, DEEP_VALIDATION
 from skipnet.storage import write_config, write_text
 from skipnet.training import reports
@@ -117,10 +118,10 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     }
     write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     write_text(folder / "scores.md", reports.descriptor_table(scores))
-    final = {f"hparam/{name}": of["all"]["inlier_ratio"] for name, of in scores.items()}
-    chosen = {"optimizer": config.optimizer["_target_"], "learning_rate": config.learning_rate}
+    final = {f"{name} inlier_ratio": of["all"]["inlier_ratio"] for name, of in scores.items()}
     with dashboard.open_dashboard(folder / "tensorboard") as writer:
-        dashboard.log_hyperparameters(writer, {**vars(options), **chosen}, final)
+        reports.log_parameters(writer, config, final)
+        reports.log_two_scans(writer, test[0])
     return summary
 
 
@@ -178,7 +179,7 @@ def fit(config: TrainConfig, lessons: Factory) -> Trained:
 
 def scans_of(numbers: range) -> list[TwoScans]:
     """The factory's scans of these numbers; fewer where some have too few points."""
-    made = map(make_scans, numbers)
+    made = counted("pairs of scans", map(make_scans, numbers), len(numbers))
     return [scans for scans in made if scans is not None]
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from skipnet.progress import tell
 from skipnet.training.data.labelled import Samples
 from skipnet.types import FloatArray, IntArray
 
@@ -51,6 +52,7 @@ def predict_with_peers(
     predicted: dict[str, IntArray] = {}
     seconds: dict[str, float] = {}
     for name, peer in make_peers(seed).items():
+        tell(f"comparing with {name}")
         rows = np.arange(len(training))
         if name == "SVC" and len(rows) > SVC_SAMPLES:
             rows = np.random.default_rng(seed).choice(len(rows), SVC_SAMPLES, replace=False)
