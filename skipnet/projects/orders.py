@@ -57,7 +57,7 @@ def in_many_orders(groups: Sequence[Group], joiner: Joiner, standards: Standards
     few = min(1.0, FEW / sum(len(group.poses) for group in groups))
     fresh = int(FRESH * few**2)
     shares = few * TAKEN_OUT[0], few * TAKEN_OUT[1]
-    for attempt in range(fresh + RENEWED):
+    for attempt in range(fresh + int(RENEWED * few)):
         start = _taken_apart(best, joiner, rng, None if attempt < fresh else shares)
         grown = joiner.grow(start, standards, _favour(rng))
         found.append(grown)

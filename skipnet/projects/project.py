@@ -96,7 +96,7 @@ class Project:
         self._outcomes: dict[PairKey, list[Outcome]] = {}
         self._believed: dict[PairKey, Outcome] = {}
         self.joiner: Joiner | None = None
-        """Once it is solved: what pairs proposed, and what the scans say of it."""
+        """What pairs proposed, once it is solved."""
 
     def __len__(self) -> int:
         """How many scans there are."""
@@ -191,20 +191,16 @@ class Project:
         tell: Progress,
     ) -> None:
         """Search the pairs of which less than ``position`` + 1 outcomes are known."""
-        names = {
-            key: self._pair_name(key, config)
-            for key in keys
-            if len(self._outcomes.setdefault(key, [])) <= position
-        }
+        new = [key for key in keys if len(self._outcomes.setdefault(key, [])) <= position]
         if self._folder is not None and not self._workers.is_here:
             tell(stage, 0, len(keys))
             scan = self._scan_names
-            tasks = [Task(scan[key[0]], scan[key[1]], name) for key, name in names.items()]
+            tasks = [Task(scan[k[0]], scan[k[1]], self._pair_name(k, config)) for k in new]
             search_tasks(tasks, self._folder, config, self._workers)
         for done, key in enumerate(keys):
             tell(stage, done, len(keys))
-            if key in names:
-                self._outcomes[key].append(self._found(key, config, names[key]))
+            if len(self._outcomes[key]) <= position:
+                self._outcomes[key].append(self._found(key, config))
         tell(stage, len(keys), len(keys))
 
     def _search_believed(self, witness: Witness, tell: Progress) -> None:
@@ -214,13 +210,13 @@ class Project:
         for done, (key, prior) in enumerate(guesses.items()):
             tell("poses that are believed", done, len(guesses))
             if key not in self._believed:
-                found = self._found(key, config, self._pair_name(key, config, prior), prior)
-                self._believed[key] = found
+                self._believed[key] = self._found(key, config, prior)
 
     def _found(
-        self, key: PairKey, config: RegistrationConfig, name: str, prior: Prior | None = None
+        self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
     ) -> Outcome:
         """What searching a pair found before, or finds now."""
+        name = self._pair_name(key, config, prior)
         outcome = self._store.load(name)
         if outcome is None:
             outcome = search(self._scans[key[1]], self._scans[key[0]], config, prior)

@@ -165,8 +165,12 @@ def leaders(
     """
     rotations = T[:, :3, :3].reshape(-1, 9)
     moved_m = T[:, :3, :3] @ centre_m + T[:, :3, 3]
-    apart_m = np.linalg.norm(moved_m[:, None] - moved_m, axis=2)
-    same = (rotations @ rotations.T >= 1 + 2 * np.cos(max_angle_rad)) & (apart_m <= max_shift_m)
+    # By a matrix product: differences of all with all are the slowest part of growing groups.
+    moved_m = moved_m - moved_m.mean(axis=0)
+    square_m2 = np.sum(moved_m**2, axis=1)
+    apart_m2 = square_m2[:, None] + square_m2 - 2 * moved_m @ moved_m.T
+    same = rotations @ rotations.T >= 1 + 2 * np.cos(max_angle_rad)
+    same &= apart_m2 <= max_shift_m**2
     leader = np.full(len(T), -1)
     for row in range(len(T)):
         if leader[row] < 0:

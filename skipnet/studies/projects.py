@@ -154,8 +154,10 @@ def placed_table(of: dict[str, dict[str, float]]) -> Table:
     names = ("scans", "decidable", "right of these", *PLACED)
     rows = [(kind, *(f"{sums[name]:.0f}" for name in names)) for kind, sums in of.items()]
     note = f"right: within {1000 * MAX_ERROR_M:.0f} mm and {MAX_ERROR_DEG:g} deg; sums over floors."
-    note += " Decidable: with all others in their true places no other place explains the scan "
-    note += "half as well without contradiction, and it shares 15 % with others of the kind."
+    note += (
+        " Decidable by the truth: it shares 15 % with others that are, fits nowhere else half as "
+    )
+    note += "well, and can change places with no others."
     return Table("Scans placed", ("", *names), tuple(rows), note)
 
 

@@ -8,9 +8,6 @@ Format: ASTM E2807.
 
 from __future__ import annotations
 
-import os
-import re
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,6 +19,7 @@ import numpy as np
 from skipnet.checks import missing_package
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.columns import FINE, as_colour, stacked
+from skipnet.clouds.formats.e57_xml import check_xml
 from skipnet.geometry import make_transform
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -47,7 +45,6 @@ OWN_COLUMNS = "skipnet:"
 """How columns begin that the standard has no name for."""
 _FINE = tuple(f"{OWN_COLUMNS}{name}" for name in FINE)
 _HIDDEN |= set(_FINE)
-_CRC_BYTES, _DEEPEST, _LARGEST_XML = 4, 64, 1 << 26
 
 
 def read_e57(path: Path, in_pieces: bool = False) -> Iterator[Cloud]:
@@ -67,7 +64,7 @@ def read_e57(path: Path, in_pieces: bool = False) -> Iterator[Cloud]:
         import pye57
     except ModuleNotFoundError as error:
         raise missing_package(path, "pye57") from error
-    _check_xml(path)
+    check_xml(path)
     with _errors_of(path):
         file = pye57.E57(str(path))
     try:
@@ -171,7 +168,7 @@ def _posed(cloud: Cloud, header: Any, path: Path) -> Cloud:
 
 
 def _read_records(file: pye57.E57, header: Any, what: str) -> Iterator[dict[str, np.ndarray]]:
-    """The columns of a scan, a piece at a time and one at least; all rows announced, or an error."""
+    """The columns of a scan, a piece at a time and one at least; all its rows, or an error."""
     from pye57 import libe57
 
     kinds = _kinds(header)
@@ -221,34 +218,3 @@ def _colour(table: dict[str, np.ndarray], header: Any) -> IntArray | None:
     brightest = float(header["colorLimits"]["colorRedMaximum"].value())
     scaled = stacked(colours) * (65535 / brightest if brightest > 0 else 257)
     return np.clip(np.rint(np.nan_to_num(scaled)), 0, 65535).astype(np.uint16)
-
-
-def _check_xml(path: Path) -> None:
-    """Refuse what is no E57 file, is shorter than it says, or nests deeper than any scanner's."""
-    size = os.path.getsize(path)
-    with open(path, "rb") as file:
-        head = file.read(48)
-        if head[:8] != b"ASTM-E57" or len(head) < 48:
-            raise ValueError(f"{path}: truncated or not an E57 file")
-        length, xml_at, xml_bytes, page = struct.unpack_from("<QQQQ", head, 16)
-        fits = length <= size and xml_at + xml_bytes <= size and page == 1024
-        if not fits or xml_bytes > _LARGEST_XML:
-            raise ValueError(f"{path}: truncated or not an E57 file: it is {size} bytes long")
-        file.seek(xml_at)
-        pages = xml_bytes // (page - _CRC_BYTES) + 2
-        body = file.read(pages * page)
-    xml = _without_checksums(body, xml_at % page, page)[:xml_bytes]
-    depth = deepest = 0
-    for tag in re.finditer(rb"<!\[CDATA\[.*?\]\]>|<(/?)[^<>?!][^<>]*?(/?)>", xml, re.DOTALL):
-        if tag[1] is None or tag[2]:
-            continue
-        depth += -1 if tag[1] else 1
-        deepest = max(deepest, depth)
-    if deepest > _DEEPEST:
-        raise ValueError(f"{path}: damaged: its XML nests {deepest} deep")
-
-
-def _without_checksums(body: bytes, into_page: int, page: int) -> bytes:
-    first = page - into_page
-    pieces = [body[:first], *(body[at : at + page] for at in range(first, len(body), page))]
-    return b"".join(piece[:-_CRC_BYTES] if len(piece) >= _CRC_BYTES else b"" for piece in pieces)
