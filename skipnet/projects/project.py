@@ -175,10 +175,8 @@ class Project:
             size_m = SizeStore(self._folder).fixed_m(self.voxel_size_m, clouds_m, self._digests)
             self.voxel_size_m = size_m
             some = clouds_m, viewpoints, size_m, self._seed, network
-            self._scan_names += [
-                scan_key(cloud_m, viewpoint, *some[2:])
-                for cloud_m, viewpoint in zip(clouds_m, viewpoints, strict=True)
-            ]
+            named = zip(clouds_m, viewpoints, strict=True)
+            self._scan_names += [scan_key(one_m, place, *some[2:]) for one_m, place in named]
             self._scans += ScanStore(self._folder / "scans").describe(*some)
         self._given.clear()
 
