@@ -1,8 +1,7 @@
 """Which links to believe: groups of scans grow as long as no pair of their scans objects.
 
 Two groups are joined only where every pair of scans that the join implies finds next to no
-contradiction, and where no other way to join them explains the scans about as well.
-"""
+contradiction, and where no other way to join them explains the scans about as well."""
 
 from __future__ import annotations
 
@@ -20,8 +19,7 @@ from skipnet.types import BoolArray, FloatArray
 SAME_VOXELS = 3.0
 """Two links put a group in about the same place when its centre is less than this apart."""
 MAX_WAYS = 12
-"""Ways to join two groups that are looked at: those of which most agrees in the pairs that propose
-them."""
+"""Ways to join two groups that are looked at: those of which most agrees in the pairs' own eyes."""
 MIN_UNTRUSTED_SUPPORT = 0.15
 """... and one that a single pair proposes which did not register needs this much ..."""
 MIN_WITNESSES = 2
@@ -89,7 +87,7 @@ class Joiner:
         Args:
             groups: to begin with.
             standards: what a join must fulfil.
-            favour: factor by which a join counts more than it is worth; None: by what it rests on.
+            favour: by which factor a join counts more than it is worth.
         """
         left = {group.scans[0]: group for group in groups}
         open_joins = {
@@ -129,10 +127,10 @@ class Joiner:
             return None
         way = max(fitting, key=lambda way: way.rank(standards, favour))
         founded = len(way.voters) > 1 or way.trust > 0
-        sizes = sorted((len(first.poses), len(second.poses)))
-        if sizes[0] == 1 and not standards.believes_one:
+        sizes = len(first.poses), len(second.poses)
+        if min(sizes) == 1 and not standards.believes_one:
             founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT
-        elif sizes[0] > 1 and not standards.believes_one:
+        elif not standards.believes_one:
             founded = len(way.voters) > 1
         return way if founded else None
 
@@ -145,12 +143,11 @@ class Joiner:
 
     def overlaps(self, group: Group) -> dict[PairKey, float]:
         """Of each pair of a group the share of their surfaces that agrees."""
-        return {
-            (a, b): float(
-                self.witness.pair(a, b, (invert(group.poses[a]) @ group.poses[b])[None])[0, 0]
-            )
-            for a, b in combinations(group.scans, 2)
-        }
+        found = {}
+        for a, b in combinations(group.scans, 2):
+            T_a_b = invert(group.poses[a]) @ group.poses[b]
+            found[a, b] = float(self.witness.pair(a, b, T_a_b[None])[0, 0])
+        return found
 
     def voters(self, group: Group, scan: int) -> frozenset[PairKey]:
         """The pairs that propose the place that a scan has in its group."""

@@ -58,10 +58,9 @@ class Project:
         """Begin a project.
 
         Args:
-            folder: where described scans and searched pairs are kept as they come, so that a run
-                that was ended goes on where it was; None keeps them in memory only.
-            voxel_size_m: edge of a voxel; None chooses it from the scans when they are first
-                solved, and keeps it, in the folder too.
+            folder: where what was described and searched is kept, so that a run that was ended goes
+                on where it was; None keeps it in memory only.
+            voxel_size_m: edge of a voxel; None chooses it once, when they are first solved.
             seed: of every random choice.
             config: everything else; None takes the defaults.
             workers: who searches the pairs; None: this process.
@@ -85,8 +84,7 @@ class Project:
         self._config = as_config(config)
         self._folder = folder
         self._store = PairStore(folder and folder / "pairs")
-        self._given: list[tuple[Points, Viewpoint]] = []
-        """Scans that have not been described; what has been is let go."""
+        self._given: list[tuple[Points, Viewpoint]] = []  # until they are described
         self._originals: list[ScanLike] = []
         """What was added; a path stays a path."""
         self._digests: list[str] = []

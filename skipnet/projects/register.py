@@ -41,8 +41,7 @@ def register_many(
             on; None: nowhere.
         progress: told about the work as it goes on.
         workers: who searches the pairs; None: this process.
-        priors: what somebody believes of the scans (rough places, known links), by their numbers:
-            further hypotheses and the order of work, judged and never trusted.
+        priors: what somebody believes of the scans, by their numbers: judged, never trusted.
 
     Raises:
         ValueError: fewer than two scans, one that is no point cloud, or viewpoints that do not fit.
@@ -57,12 +56,7 @@ def register_many(
             f"got {len(viewpoints)} viewpoints for {len(scans)} scans: expected one each"
         )
     project = Project(
-        folder,
-        voxel_size_m=voxel_size_m,
-        seed=seed,
-        config=config,
-        workers=workers,
-        priors=priors,
+        folder, voxel_size_m=voxel_size_m, seed=seed, config=config, workers=workers, priors=priors
     )
     for scan, viewpoint in zip(scans, viewpoints, strict=True):
         project.add(scan, viewpoint)
