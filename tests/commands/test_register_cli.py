@@ -148,7 +148,7 @@ BAD = {
     "out of range": (["voxel_size_m=0"], "voxel_size_m=0.0: expected metres above 0"),
     "bad viewpoint": (["source_viewpoint=[1,2]"], "source_viewpoint=[1, 2]: expected auto"),
     "no voxel": (["voxel_size_m=inf"], "voxel_size_m=inf: expected metres above 0"),
-    "no samples": (["registration.final_samples=-5"], "final_samples=-5: expected 50 or more"),
+    "no samples": (["registration.final_samples=-5"], "expected a whole number of 50 or more"),
     "no weight": (["registration.violation_weight=inf"], "violation_weight=inf: expected a number"),
     "viewpoint of scans": (
         ["scans=[scans/a.ply,scans/b.npy]", "source_viewpoint=null"],
