@@ -45,9 +45,12 @@ def point_feature_histograms(
         return np.zeros((0, 3 * BINS), dtype=np.float32)
     order, starts, after = _blocks(points_m, radius_m)
     there_m, turned = points_m[order].astype(np.float64), normals[order].astype(np.float64)
-    own = _own_histograms(there_m, turned, starts, after, radius_m)
-    result = np.empty_like(own)
-    result[order] = _with_neighbours(there_m, own, starts, after, radius_m)
+    pairs, squared_m2 = _near_pairs(there_m, starts, after, radius_m)
+    own = np.zeros((len(points_m), 3 * BINS), dtype=np.float32)
+    _count_angles(there_m, turned, pairs, squared_m2, own)
+    summed, result = np.zeros_like(own), np.empty_like(own)
+    _add_neighbours(own, pairs, squared_m2, radius_m, summed)
+    result[order] = summed
     return result
 
 
@@ -72,25 +75,29 @@ def _bin(value: float) -> int:
     return min(max(int(value * 11), 0), 10)
 
 
-@inlined
-def _squared_distance(points_m: FloatArray, i: int, j: int) -> float:
-    x = points_m[j, 0] - points_m[i, 0]
-    y = points_m[j, 1] - points_m[i, 1]
-    z = points_m[j, 2] - points_m[i, 2]
-    return x * x + y * y + z * z
+def _near_pairs(
+    points_m: FloatArray, starts: IntArray, after: IntArray, radius_m: float
+) -> tuple[IntArray, FloatArray]:
+    """(P, 2) int32 rows of points within the radius of each other, each two once, and (P,) their
+    squared distances; coincident points are no neighbours."""
+    none = np.empty((0, 2), np.int32), np.empty(0)
+    count = _list_pairs(points_m, starts, after, radius_m, *none)
+    pairs, squared_m2 = np.empty((count, 2), np.int32), np.empty(count)
+    _list_pairs(points_m, starts, after, radius_m, pairs, squared_m2)
+    return pairs, squared_m2
 
 
 @compiled
-def _own_histograms(
+def _list_pairs(
     points_m: FloatArray,
-    normals: FloatArray,
     starts: IntArray,
     after: IntArray,
     radius_m: float,
-) -> FloatArray:
-    """(V, 33) simplified histograms: how each point's normal and its neighbours' are turned."""
-    seen = np.zeros((len(points_m), 33), dtype=np.float32)
-    count = np.zeros(len(points_m), dtype=np.float32)
+    pairs: IntArray,
+    squared_m2: FloatArray,
+) -> int:
+    """Write the pairs for which there is room; how many there are."""
+    count = 0
     for block in range(len(after)):
         for other in range(-1, 13):
             there = block if other < 0 else after[block, other]
@@ -98,19 +105,41 @@ def _own_histograms(
                 continue
             for i in range(starts[block], starts[block + 1]):
                 for j in range(i + 1 if other < 0 else starts[there], starts[there + 1]):
-                    squared_m2 = _squared_distance(points_m, i, j)
-                    if squared_m2 > radius_m * radius_m or squared_m2 == 0:
-                        continue
-                    first, second, third = _angles(points_m, normals, i, j, math.sqrt(squared_m2))
-                    for point in (i, j):
-                        seen[point, first] += 1
-                        seen[point, 11 + second] += 1
-                        seen[point, 22 + third] += 1
-                        count[point] += 1
+                    x = points_m[j, 0] - points_m[i, 0]
+                    y = points_m[j, 1] - points_m[i, 1]
+                    z = points_m[j, 2] - points_m[i, 2]
+                    square_m2 = x * x + y * y + z * z
+                    if 0 < square_m2 <= radius_m * radius_m:
+                        if count < len(pairs):
+                            pairs[count, 0], pairs[count, 1] = i, j
+                            squared_m2[count] = square_m2
+                        count += 1
+    return count
+
+
+@compiled
+def _count_angles(
+    points_m: FloatArray,
+    normals: FloatArray,
+    pairs: IntArray,
+    squared_m2: FloatArray,
+    seen: FloatArray,
+) -> None:
+    """Simplified histograms, into (V, 33) zeros: how a point's normal and its neighbours' are
+    turned, each angle's bins in hundredths of the neighbours."""
+    for pair in range(len(pairs)):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        first, second, third = _angles(points_m, normals, i, j, math.sqrt(squared_m2[pair]))
+        for point in (i, j):
+            seen[point, first] += 1
+            seen[point, 11 + second] += 1
+            seen[point, 22 + third] += 1
     for i in range(len(seen)):
+        count = np.float32(0)
+        for k in range(11):
+            count += seen[i, k]
         for k in range(33):
-            seen[i, k] *= 100 / max(count[i], 1)
-    return seen
+            seen[i, k] *= 100 / count if count > 0 else 0
 
 
 @inlined
@@ -141,29 +170,21 @@ def _angles(
 
 
 @compiled
-def _with_neighbours(
-    points_m: FloatArray,
+def _add_neighbours(
     own: FloatArray,
-    starts: IntArray,
-    after: IntArray,
+    pairs: IntArray,
+    squared_m2: FloatArray,
     radius_m: float,
-) -> FloatArray:
-    """(V, 33) the points' own histograms and those of their neighbours, the nearer the more."""
-    summed = np.zeros_like(own)
-    for block in range(len(after)):
-        for other in range(-1, 13):
-            there = block if other < 0 else after[block, other]
-            if there < 0:
-                continue
-            for i in range(starts[block], starts[block + 1]):
-                for j in range(i + 1 if other < 0 else starts[there], starts[there + 1]):
-                    squared_m2 = _squared_distance(points_m, i, j)
-                    if squared_m2 > radius_m * radius_m or squared_m2 == 0:
-                        continue
-                    weight = np.float32(radius_m * radius_m / squared_m2)
-                    for k in range(33):
-                        summed[i, k] += weight * own[j, k]
-                        summed[j, k] += weight * own[i, k]
+    summed: FloatArray,
+) -> None:
+    """The points' own histograms and those of their neighbours, the nearer the more, into (V, 33)
+    zeros."""
+    for pair in range(len(pairs)):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        weight = np.float32(radius_m * radius_m / squared_m2[pair])
+        for k in range(33):
+            summed[i, k] += weight * own[j, k]
+            summed[j, k] += weight * own[i, k]
     for i in range(len(summed)):
         for angle in range(3):
             whole = np.float32(0)
@@ -171,4 +192,3 @@ def _with_neighbours(
                 whole += summed[i, k]
             for k in range(11 * angle, 11 * angle + 11):
                 summed[i, k] = own[i, k] + (100 * summed[i, k] / whole if whole > 0 else 0)
-    return summed

@@ -1,7 +1,8 @@
 """Which links to believe: groups of scans grow as long as no pair of their scans objects.
 
 Two groups are joined only where every pair of scans that the join implies finds next to no
-contradiction, and where no other way to join them explains the scans about as well."""
+contradiction, and where no other way to join them explains the scans about as well.
+"""
 
 from __future__ import annotations
 
@@ -127,8 +128,7 @@ class Joiner:
             return None
         way = max(fitting, key=lambda way: way.rank(standards, favour))
         founded = len(way.voters) > 1 or way.trust > 0
-        sizes = len(first.poses), len(second.poses)
-        if min(sizes) == 1 and not standards.believes_one:
+        if min(len(first.poses), len(second.poses)) == 1 and not standards.believes_one:
             founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT
         elif not standards.believes_one:
             founded = len(way.voters) > 1

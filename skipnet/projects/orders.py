@@ -92,6 +92,7 @@ def _favour(rng: np.random.Generator) -> Callable[[Way], float]:
     factors: dict[tuple[tuple[int, int], ...], float] = {}
 
     def factor(way: Way) -> float:
+        """The same for the same voters."""
         voters = tuple(sorted(way.voters))
         if voters not in factors:
             factors[voters] = float(np.exp(SPREAD * rng.normal()))

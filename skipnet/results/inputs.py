@@ -194,7 +194,6 @@ def _is_large(path: Path) -> bool:
     if not path.is_file():
         return False
     size = path.stat().st_size
-    if path.suffix.lower() == ".laz":
-        with suppress(ValueError):  # what is wrong with it the reader will say
-            size = max(size, unpacked_bytes(path))
+    with suppress(ValueError):  # no LAS file; what is wrong with one the reader will say
+        size = max(size, unpacked_bytes(path))
     return size > LARGE_FILE_BYTES

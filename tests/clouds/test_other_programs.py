@@ -87,7 +87,7 @@ TEXTS = {
 }  # fmt: skip
 
 
-def check(cloud, points, beside):
+def assert_holds(cloud, points, beside):
     np.testing.assert_allclose(cloud.points_m, points, atol=1e-6, rtol=0)
     for name, values in beside.items():
         np.testing.assert_allclose(getattr(cloud, name), values, atol=1e-5)
@@ -97,7 +97,7 @@ def check(cloud, points, beside):
 def test_text(tmp_path, name):
     text, points, beside = TEXTS[name]
     (tmp_path / "a.txt").write_text(text, encoding="utf-8", newline="")
-    check(skipnet.read_cloud(tmp_path / "a.txt"), points, beside)
+    assert_holds(skipnet.read_cloud(tmp_path / "a.txt"), points, beside)
 
 
 def test_rows_and_columns_of_faro_are_refused_until_they_are_named(tmp_path):
@@ -106,7 +106,7 @@ def test_rows_and_columns_of_faro_are_refused_until_they_are_named(tmp_path):
     with pytest.raises(ValueError, match="such as: row column x y z"):
         skipnet.read_cloud(tmp_path / "a.xyz")
     (tmp_path / "a.xyz").write_text("row column x y z r g b\n" + body)
-    check(skipnet.read_cloud(tmp_path / "a.xyz"), P, {"colour": RGB})
+    assert_holds(skipnet.read_cloud(tmp_path / "a.xyz"), P, {"colour": RGB})
 
 
 PLY_KINDS = [("x", "f4"), ("y", "f4"), ("z", "f4"), *((c, "u1") for c in ("red", "green", "blue"))]
@@ -129,7 +129,7 @@ def test_a_camera_among_the_elements_of_a_ply_file(tmp_path, first):
     head = "".join(["ply\nformat binary_little_endian 1.0\n", *(part[0] for part in parts)])
     body = b"".join(part[1] for part in parts)
     (tmp_path / "a.ply").write_bytes(f"{head}end_header\n".encode() + body)
-    check(skipnet.read_cloud(tmp_path / "a.ply"), P, {"colour": RGB})
+    assert_holds(skipnet.read_cloud(tmp_path / "a.ply"), P, {"colour": RGB})
 
 
 def test_two_scans_of_a_ptx_file_each_with_a_transform_of_its_own(tmp_path):
@@ -142,8 +142,8 @@ def test_two_scans_of_a_ptx_file_each_with_a_transform_of_its_own(tmp_path):
         text += lines(XYZ + " {:.4f}", P, SHINE / 4096)
     (tmp_path / "a.ptx").write_text(text)
     first, second = read_scans(tmp_path / "a.ptx")
-    check(first, P, {"intensity": np.round(SHINE / 4096, 4)})
-    check(second, P @ turn + [10, 20, 1], {})
+    assert_holds(first, P, {"intensity": np.round(SHINE / 4096, 4)})
+    assert_holds(second, P @ turn + [10, 20, 1], {})
     assert second.viewpoint_m.tolist() == [10, 20, 1]
 
 
@@ -154,7 +154,7 @@ def test_records_with_a_field_of_three_colours(tmp_path):
         records[axis] = values
     records["rgb"], records["intensity"] = RGB, SHINE
     np.save(tmp_path / "a.npy", records)
-    check(skipnet.read_cloud(tmp_path / "a.npy"), P, {"colour": RGB, "intensity": SHINE})
+    assert_holds(skipnet.read_cloud(tmp_path / "a.npy"), P, {"colour": RGB, "intensity": SHINE})
 
 
 def test_scaled_extra_bytes_of_las(tmp_path):
@@ -169,7 +169,7 @@ def test_scaled_extra_bytes_of_las(tmp_path):
     las["height above ground"] = P[:, 2]
     las.write(tmp_path / "a.las")
     cloud = skipnet.read_cloud(tmp_path / "a.las")
-    check(cloud, MAP, {"colour": RGB})
+    assert_holds(cloud, MAP, {"colour": RGB})
     np.testing.assert_allclose(cloud.columns["height above ground"], P[:, 2], atol=0.006)
 
 
@@ -181,4 +181,4 @@ def test_open3d_s_tensors_as_files(tmp_path):
     for extension in ("ply", "pcd", "npz"):
         o3d.t.io.write_point_cloud(str(tmp_path / f"a.{extension}"), cloud)
         read = skipnet.read_cloud(tmp_path / f"a.{extension}")
-        check(read, P, {"colour": RGB, "intensity": SHINE})
+        assert_holds(read, P, {"colour": RGB, "intensity": SHINE})

@@ -41,14 +41,10 @@ def test_a_ray_cluster_gives_the_same_bits(clouds_m, alone, tmp_path):
     assert_same(found, alone)
 
 
-def test_two_ray_nodes_of_which_a_worker_ends_give_the_same_bits(
-    clouds_m, alone, tmp_path, monkeypatch
-):
-    ray = pytest.importorskip("ray")
-    from ray.cluster_utils import Cluster
-
-    mark = tmp_path / "ended"
-    search_block = blocks.search_block
+@pytest.fixture
+def mark(tmp_path, monkeypatch):
+    """A file that is there once the first worker has ended in the middle of its block."""
+    mark, search_block = tmp_path / "ended", blocks.search_block
 
     def ending_once(tasks, folder, config):
         if not mark.exists():
@@ -57,6 +53,15 @@ def test_two_ray_nodes_of_which_a_worker_ends_give_the_same_bits(
         return search_block(tasks, folder, config)
 
     monkeypatch.setattr(blocks, "search_block", ending_once)
+    return mark
+
+
+def test_two_ray_nodes_of_which_a_worker_ends_give_the_same_bits(
+    clouds_m, alone, tmp_path, mark, monkeypatch
+):
+    ray = pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
     monkeypatch.setattr(blocks, "PAIRS_PER_BLOCK", 1)
     ray.shutdown()
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
@@ -72,19 +77,7 @@ def test_two_ray_nodes_of_which_a_worker_ends_give_the_same_bits(
     assert_same(found, alone)
 
 
-def test_a_worker_that_ends_loses_a_block_which_is_tried_again(
-    clouds_m, alone, tmp_path, monkeypatch
-):
-    mark = tmp_path / "ended"
-    search_block = blocks.search_block
-
-    def ending_once(tasks, folder, config):
-        if not mark.exists():
-            mark.touch()
-            os._exit(1)
-        return search_block(tasks, folder, config)
-
-    monkeypatch.setattr(blocks, "search_block", ending_once)
+def test_a_worker_that_ends_loses_a_block_which_is_tried_again(clouds_m, alone, tmp_path, mark):
     assert_same(skipnet.register_many(clouds_m, folder=tmp_path, workers=Workers(2)), alone)
     assert mark.exists()
 

@@ -113,8 +113,10 @@ def test_of_a_packed_file_counts_what_it_unpacks_to(tmp_path, monkeypatch):
     assert sizes[0] < 0.7 * sizes[1]
     monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", sum(sizes) // 2)
     assert inputs.read_given(packed).is_large and inputs.read_given(plain).is_large
+    renamed = packed.rename(tmp_path / "packed.las")  # what is in it counts
+    assert inputs.read_given(renamed).is_large
     monkeypatch.setattr(inputs, "LARGE_FILE_BYTES", sizes[1])
-    assert not inputs.read_given(packed).is_large
+    assert not inputs.read_given(renamed).is_large
 
 
 def test_scans_of_an_e57_come_in_pieces_and_as_wholes_alike(tmp_path, monkeypatch):
