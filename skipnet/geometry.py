@@ -42,6 +42,17 @@ def invert(T_a_b: FloatArray) -> FloatArray:
     return make_transform(rotation_b_a, translation_m)
 
 
+def straightened(T_a_b: FloatArray) -> FloatArray:
+    """A (4, 4) transform that is rigid but for rounding, made rigid.
+
+    In a long chain of products and inverses what rounding adds doubles with every inverse. One step
+    of Newton's iteration for the nearest rotation leaves the square of the error.
+    """
+    rotation = T_a_b[:3, :3]
+    nearest = 1.5 * rotation - 0.5 * rotation @ rotation.T @ rotation
+    return make_transform(nearest, T_a_b[:3, 3])
+
+
 def rotation_angle_rad(rotation: FloatArray) -> FloatArray:
     """Angle in [0, pi] of (..., 3, 3) rotations, accurate near 0 and near pi.
 

@@ -9,13 +9,15 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.alternatives import common_parts
+from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
+from skipnet.projects.configurations import Configuration, configurations
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
-from skipnet.projects.orders import elsewhere, in_many_orders
 from skipnet.projects.tightening import Settle, tightened
-from skipnet.projects.ways import Standards, rivals
+from skipnet.projects.ways import MOST_OVERLAP, Standards, rivals
 from skipnet.types import FloatArray
 
 LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one=True)
@@ -24,7 +26,7 @@ contradict each other by .011."""
 BUSY = replace(LENIENT, limit=0.03)
 """Where leaves and passers-by contradict more, and all that is registered holds nevertheless.
 Chosen on one facade, whose right pairs contradict by up to .03."""
-STRICT = Standards(limit=0.001, rival_support=0.6, most_overlap=0.75)
+STRICT = Standards(limit=0.001, rival_support=0.6)
 """Where it does not, because much looks alike: right poses of simulated scans that nothing disturbs
 stay under .0008, wrong ones in alike rooms reach .002 and more (floors of development seeds), and
 no two scans share .75 (two of twin rooms .86 and more; where no registered pair is refuted, two
@@ -83,18 +85,18 @@ class Arbiter:
         scans = list(scans)
         trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
         strict = self._strict()
-        for standards in [*trusting, replace(strict, most_overlap=1.0), strict]:
+        for standards in [*trusting, strict]:
             self._joiner.witness.hopeless = HOPELESS * standards.limit
-            groups = self._repaired(self._grown(scans, standards), standards)
-            moved: set[int] = set()
             if standards is strict:
-                groups, moved = self._searched(groups, standards)
+                groups = self._searched(scans, standards)
+            else:
+                groups = self._repaired(self._grown(scans, standards), standards)
             reliability = self.reliability(groups, standards)
             if reliability >= RELIABLE and not self._lies_on_another(groups):
                 break
-        doubts = Doubts(self._joiner, standards, standards.believes_one, moved)
+        doubts = Doubts(self._joiner, standards, standards.believes_one)
         sure = doubts.sure_parts(groups)
-        for _ in range(MAX_ROUNDS):
+        for _ in range(MAX_ROUNDS if standards.believes_one else 0):
             groups = self._joiner.grow(self._counted(sure), standards)
             if [group.scans for group in groups] == [group.scans for group in sure]:
                 break
@@ -109,7 +111,7 @@ class Arbiter:
     def _strict(self) -> Standards:
         """Strict standards, as far as this set's own registered pairs keep them."""
         sure = [p for p in self._joiner.proposals.values() if p.confidence > 0]
-        own = [p.violation[0] for p in sure if p.overlap[0] <= STRICT.most_overlap]
+        own = [p.violation[0] for p in sure if p.overlap[0] <= MOST_OVERLAP]
         noise = NOISE * float(np.quantile(own, BEST_SHARE)) if own else 0.0
         return replace(STRICT, limit=min(max(STRICT.limit, noise), LENIENT.limit))
 
@@ -136,18 +138,38 @@ class Arbiter:
             for a, b in combinations(group.scans, 2):
                 T = invert(group.poses[a]) @ group.poses[b]
                 overlap, violation = self._joiner.witness.pair(a, b, T[None])[:, 0]
-                if overlap > STRICT.most_overlap and violation > SAME_PLACE_LIMIT:
+                if overlap > MOST_OVERLAP and violation > SAME_PLACE_LIMIT:
                     return True
         return False
 
     def _grown(self, scans: Iterable[int], standards: Standards) -> list[Group]:
         return self._joiner.grow((Group.single(scan) for scan in scans), standards)
 
-    def _searched(self, groups: list[Group], standards: Standards) -> tuple[list[Group], set[int]]:
-        """The best groups of several orders, and scans that others put elsewhere as well."""
-        search = in_many_orders(groups, self._joiner, standards)
-        best = tightened(search.best, self._joiner, self._settle, standards)
-        return best, elsewhere(search, self._joiner)
+    def _searched(self, scans: list[int], standards: Standards) -> list[Group]:
+        """The groups of which most agrees, in parts about which nothing else is as good."""
+        joiner = self._joiner
+        best, *others = configurations(scans, joiner.proposals, joiner.witness, standards)
+        parts = numbered(common_parts(best, others, joiner))
+        groups = tightened(best.groups, joiner, self._settle, standards)
+        groups = joiner.grow(groups, standards)
+        return [part for group in groups for part in self._in_parts(group, best, parts)]
+
+    def _in_parts(
+        self, group: Group, best: Configuration, part_of: Mapping[int, int]
+    ) -> list[Group]:
+        """A group in those parts; what joined it late goes where it shares most."""
+        core = max((set(one) & set(group.poses) for one in best.poses), key=len)
+        parts: dict[int, set[int]] = {}
+        for scan in sorted(core):
+            parts.setdefault(part_of[scan], set()).add(scan)
+        overlaps = self._joiner.overlaps(group)
+        for scan in sorted(set(group.poses) - core):
+            shared = {
+                number: sum(overlaps[min(scan, other), max(scan, other)] for other in part)
+                for number, part in parts.items()
+            }
+            parts[max(sorted(shared), key=shared.__getitem__)].add(scan)
+        return [Group({s: group.poses[s] for s in sorted(part)}) for part in parts.values()]
 
     def _counted(self, groups: list[Group]) -> list[Group]:
         """The groups with their support, which cutting forgets."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from skipnet.projects.components import components
 from skipnet.projects.exchanges import exchanged, places
 from skipnet.projects.groups import Group, Joiner, in_order
 from skipnet.projects.motions import rival_split
-from skipnet.projects.ways import PairKey, Standards, Way, rivals
+from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, Way, rivals
 from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
 from skipnet.types import FloatArray
 
@@ -29,24 +28,16 @@ group."""
 class Doubts:
     """Looks groups over once they have grown."""
 
-    def __init__(
-        self,
-        joiner: Joiner,
-        standards: Standards,
-        is_reliable: bool,
-        moved: Collection[int] = (),
-    ) -> None:
+    def __init__(self, joiner: Joiner, standards: Standards, is_reliable: bool) -> None:
         """Prepare to look.
 
         Args:
             joiner: knows what pairs proposed.
             standards: by which the groups grew.
             is_reliable: whether pairs can be believed by themselves; else more counts as a rival.
-            moved: scans that are known to be in doubt.
         """
         self._joiner = joiner
         self._is_reliable = is_reliable
-        self._moved = frozenset(moved)
         least = standards.rival_support if is_reliable else REMAINING_RIVAL
         self.standards = replace(standards, rival_support=least)
 
@@ -89,8 +80,7 @@ class Doubts:
     def _sure(self, group: Group, groups: list[Group]) -> Group:
         """A group without the scans that would fit elsewhere."""
         others = [g for g in groups if g is not group and len(g.poses) > 1]
-        sure = [s for s in group.scans if s not in self._moved]
-        sure = [s for s in sure if not self._is_torn(group, s, others)]
+        sure = [s for s in group.scans if not self._is_torn(group, s, others)]
         sure = [s for s in sure if not self._has_twin(group, s)]
         if not self._is_reliable:
             moved = exchanged(group, self._joiner, self.standards)
@@ -121,9 +111,9 @@ class Doubts:
 
     def _has_twin(self, group: Group, scan: int) -> bool:
         """Whether another scan sees the same and might stand here instead of this one."""
-        limit, most = self.standards.limit, self.standards.most_overlap
+        limit = self.standards.limit
         for key, pair in self._joiner.proposals.items():
-            same = (pair.overlap > most) & (pair.violation - STRAY_SHARE <= limit)
+            same = (pair.overlap > MOST_OVERLAP) & (pair.violation - STRAY_SHARE <= limit)
             if scan in key and same.any():
                 T = pair.T_target_source[np.argmax(same)]
                 T_scan_twin = T if key[0] == scan else invert(T)
@@ -133,9 +123,9 @@ class Doubts:
 
     def _may_swap(self, group: Group, scan: int, twin: int, T_scan_twin: FloatArray) -> bool:
         """Whether nothing speaks against a scan and its twin in each other's places."""
-        if twin not in group.poses:
-            return True
         rest = group.without(scan).without(twin)
+        if twin not in group.poses or not rest.poses:
+            return True
         swapped = {
             scan: group.poses[twin] @ invert(T_scan_twin),
             twin: group.poses[scan] @ T_scan_twin,

@@ -6,7 +6,7 @@ contradiction, and where no other way to join them explains the scans about as w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -75,12 +75,7 @@ class Joiner:
         self.witness = witness
         self._known: dict[tuple[bytes, bytes], list[Way]] = {}
 
-    def grow(
-        self,
-        groups: Iterable[Group],
-        standards: Standards,
-        favour: Callable[[Way], float] | None = None,
-    ) -> list[Group]:
+    def grow(self, groups: Iterable[Group], standards: Standards) -> list[Group]:
         """Join groups, the best founded join first, until no join is left that nobody objects to.
 
         The order of the groups does not matter: of equal joins the one of the lowest numbers wins.
@@ -88,15 +83,12 @@ class Joiner:
         Args:
             groups: to begin with.
             standards: what a join must fulfil.
-            favour: by which factor a join counts more than it is worth.
         """
         left = {group.scans[0]: group for group in groups}
-        open_joins = {
-            key: self.decided(*_both(left, key), standards, favour) for key in _pairs(left)
-        }
+        open_joins = {key: self.decided(*_both(left, key), standards) for key in _pairs(left)}
         while True:
             ranked = [
-                (way.rank(standards, favour), -key[0], -key[1])
+                (way.rank(standards), -key[0], -key[1])
                 for key, way in open_joins.items()
                 if way is not None
             ]
@@ -110,23 +102,15 @@ class Joiner:
             del left[key[1]]
             left[key[0]] = joined
             open_joins = {k: way for k, way in open_joins.items() if not {*k} & {*key}} | {
-                k: self.decided(*_both(left, k), standards, favour)
-                for k in _pairs(left)
-                if key[0] in k
+                k: self.decided(*_both(left, k), standards) for k in _pairs(left) if key[0] in k
             }
 
-    def decided(
-        self,
-        first: Group,
-        second: Group,
-        standards: Standards,
-        favour: Callable[[Way], float] | None = None,
-    ) -> Way | None:
-        """The one way to join two groups, if there is one; or of several the most favoured one."""
+    def decided(self, first: Group, second: Group, standards: Standards) -> Way | None:
+        """The one way to join two groups, if there is one."""
         fitting = rivals(self.ways(first, second), standards)
-        if not fitting or (len(fitting) > 1 and favour is None):
+        if len(fitting) != 1:
             return None
-        way = max(fitting, key=lambda way: way.rank(standards, favour))
+        way = fitting[0]
         founded = len(way.voters) > 1 or way.trust > 0
         if min(len(first.poses), len(second.poses)) == 1 and not standards.believes_one:
             founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,8 @@ PairKey = tuple[int, int]
 """Numbers of (target, source), the smaller one first."""
 MIN_SUPPORT = 0.03
 """A join in which less than this agrees rests on nothing."""
+MOST_OVERLAP = 0.75
+"""Two scans of which more agrees may be of two rooms furnished alike as well as of one."""
 RIVAL_CONTRADICTION = 0.5
 """A way that contradicts by this share of the limit more than the best one is no rival."""
 MANY_VOTES = 3
@@ -32,8 +34,6 @@ class Standards:
     believes_one: bool = False
     """Whether one pair is enough to join groups of several scans, if it registered by itself. Else
     several must agree, but a scan may join by a pair that did not register."""
-    most_overlap: float = 1.0
-    """Two scans of which more agrees may be of two rooms furnished alike as well as of one."""
 
 
 @dataclass(frozen=True)
@@ -59,19 +59,11 @@ class Way:
 
     def fits(self, standards: Standards) -> bool:
         """Whether something speaks for it, and next to nothing against it."""
-        return (
-            self.support >= MIN_SUPPORT
-            and self.contradiction <= standards.limit
-            and self.closest <= standards.most_overlap
-        )
+        return self.support >= MIN_SUPPORT and self.contradiction <= standards.limit
 
-    def rank(
-        self, standards: Standards, favour: Callable[[Way], float] | None = None
-    ) -> tuple[float, float]:
-        """Orders joins: more independent proposals first, then what is worth most; or by both as
-        somebody favours them."""
-        votes, worth = min(len(self.voters), MANY_VOTES), self.worth(standards)
-        return (votes, worth) if favour is None else (votes * worth * favour(self), worth)
+    def rank(self, standards: Standards) -> tuple[float, float]:
+        """Orders joins: more independent proposals first, then what is worth most."""
+        return min(len(self.voters), MANY_VOTES), self.worth(standards)
 
 
 def rivals(ways: Sequence[Way], standards: Standards) -> list[Way]:

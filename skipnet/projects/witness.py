@@ -3,7 +3,7 @@ contradicted. One question takes about a millisecond."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,10 @@ MIN_OVERLAP = 0.03
 """A pair of scans of which less agrees says nothing for a place."""
 _DIGITS = 6
 """Of a pose, by which one is known that has been asked about."""
+_SAME_SHIFT_VOXELS = 0.1
+"""In a search for places, a pose is taken for one that is shifted by no more than this ..."""
+_SAME_TURN = 0.005
+"""... and of which no axis differs by more."""
 _WEIGHT = 10.0
 """Of violations in the judge's total, which nobody asks for here."""
 
@@ -60,6 +64,7 @@ class Witness:
     def __init__(self, evidence: Sequence[Evidence]) -> None:
         self._evidence = evidence
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
+        self._about: dict[tuple[int, int, bytes], tuple[float, float]] = {}
         self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
         self.voxel_size_m = evidence[0].voxel_size_m
         self.hopeless = np.inf
@@ -78,6 +83,44 @@ class Witness:
             for row, figures in zip(fresh, said.T, strict=True):
                 self._said[keys[row]] = figures
         return np.array([self._said[key] for key in keys]).reshape(-1, 2).T
+
+    def about(self, target: int, source: int, T_target_source: FloatArray) -> tuple[float, float]:
+        """Overlap and violation of a (4, 4) pose, or of one by a tenth of a voxel beside it that
+        has been asked about."""
+        moved_m = T_target_source[:3, :3] @ self.centres_m[source] + T_target_source[:3, 3]
+        steps = np.append(
+            T_target_source[:3, :2] / _SAME_TURN, moved_m / (_SAME_SHIFT_VOXELS * self.voxel_size_m)
+        )
+        key = target, source, steps.round().astype(np.int32).tobytes()
+        if key not in self._about:
+            overlap, violation = self._ask(target, source, T_target_source[None])[:, 0]
+            self._about[key] = float(overlap), float(violation)
+        return self._about[key]
+
+    def meeting(
+        self, targets: Mapping[int, FloatArray], sources: Mapping[int, FloatArray]
+    ) -> Iterator[tuple[int, int, FloatArray]]:
+        """Pairs of scans that may see the same, with (4, 4) the pose of the second's frame in that
+        of the first, the smaller number; the nearest pairs first.
+
+        Args:
+            targets: (4, 4) pose of each scan.
+            sources: likewise, in the same frame.
+        """
+        firsts, seconds = list(targets), list(sources)
+        here_m, there_m = (
+            np.array([T[:3, :3] @ self.centres_m[scan] + T[:3, 3] for scan, T in poses.items()])
+            for poses in (targets, sources)
+        )
+        apart_m = np.linalg.norm(here_m[:, None] - there_m, axis=2)
+        reach_m = np.asarray(self.reach_m)
+        met = np.argwhere(apart_m < np.add.outer(reach_m[firsts], reach_m[seconds]))
+        for i, k in met[np.argsort(apart_m[tuple(met.T)], kind="stable")]:
+            a, b = firsts[i], seconds[k]
+            if a < b:
+                yield a, b, invert(targets[a]) @ sources[b]
+            else:
+                yield b, a, invert(sources[b]) @ targets[a]
 
     def judge(self, target: int, source: int) -> Judge:
         """The judge of one pair."""

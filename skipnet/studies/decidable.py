@@ -1,36 +1,34 @@
 """Which scans of a simulated floor can be decided at all, by the truth alone.
 
 With all other scans where they are in truth, a scan can be decided if it shares enough with others
-that can, and if no other place that any search proposes explains it about as well, be it that of a
-scan that takes its own place in turn: a room furnished like another one cannot be told from it, and
-a scan that shares next to nothing rests on nothing.
-Only what was searched, and the judge, know of other places: who finds them not, cannot list them.
+that can, if no other place that any search proposes explains it half as well, and if no other
+configuration of all scans that is found explains half as well what the true one does: a room
+furnished like another one cannot be told from it, and a scan that shares next to nothing rests on
+nothing. Only what was searched, and the judge, know of other places: who finds them not, cannot
+list them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import combinations, permutations
+from itertools import combinations
 
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.alternatives import common_parts
 from skipnet.projects.arbiter import STRICT
+from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.exchanges import places_taken
+from skipnet.projects.configurations import Configuration, configurations
 from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
-from skipnet.projects.witness import LITTLE_OVERLAP, MIN_OVERLAP, leaders
+from skipnet.projects.witness import MIN_OVERLAP, leaders
 from skipnet.types import FloatArray
 
 LEAST_SHARE = 0.15
 """Of both scans' surfaces, summed over all others that can be decided."""
-LONGEST_RING = 4
 AS_WELL = 0.5
 """Another place that explains this much of what the true one does is as good."""
-
-
-EXCHANGE = replace(STRICT, rival_support=AS_WELL)
 
 
 def decidable(
@@ -43,16 +41,15 @@ def decidable(
         T_world_scan: (4, 4) true pose of each scan's own frame in its building's.
         building: of each scan.
     """
-    shares = _shares(joiner, T_world_scan, building)
-    linked = [key for key, share in shares.items() if share >= MIN_OVERLAP]
-    parts = components(range(len(building)), linked)
-    groups = [Group({scan: T_world_scan[scan] for scan in part}) for part in parts]
+    truth = _true_configuration(joiner, T_world_scan, building)
+    groups = truth.groups
+    found = configurations(range(len(building)), joiner.proposals, joiner.witness, STRICT)
+    part = numbered(common_parts(truth, found, joiner))
     left = {scan for group in groups for scan in group.scans if not _is_torn(joiner, groups, scan)}
-    left -= {scan for group in groups for scan in _interchangeable(joiner, group)}
     while True:
         within = {scan: 0.0 for scan in left}
-        for (a, b), share in shares.items():
-            if share >= MIN_OVERLAP and a in left and b in left:
+        for (a, b), share in truth.shares.items():
+            if share >= MIN_OVERLAP and a in left and b in left and part[a] == part[b]:
                 within[a] += share
                 within[b] += share
         loose = {scan for scan, share in within.items() if share < LEAST_SHARE}
@@ -61,16 +58,22 @@ def decidable(
         left -= loose
 
 
-def _shares(
+def _true_configuration(
     joiner: Joiner, T_world_scan: Sequence[FloatArray], building: Sequence[int]
-) -> dict[tuple[int, int], float]:
-    """Of each pair of one building, what both see in truth."""
-    shares = {}
+) -> Configuration:
+    """All scans where they are, those together that hang together."""
+    shares, against = {}, {}
     for a, b in combinations(range(len(building)), 2):
         if building[a] == building[b]:
             T = invert(T_world_scan[a]) @ T_world_scan[b]
-            shares[a, b] = float(joiner.witness.pair(a, b, T[None])[0, 0])
-    return shares
+            overlap, violation = joiner.witness.pair(a, b, T[None])[:, 0]
+            shares[a, b], against[a, b] = float(overlap), float(violation) / STRICT.limit
+    linked = [key for key, share in shares.items() if share >= MIN_OVERLAP]
+    parts = components(range(len(building)), linked)
+    poses = tuple({scan: T_world_scan[scan] for scan in part} for part in parts)
+    number = numbered(parts)
+    inside = [key for key in shares if number[key[0]] == number[key[1]]]
+    return Configuration(poses, {k: shares[k] for k in inside}, {k: against[k] for k in inside})
 
 
 def _is_torn(joiner: Joiner, groups: Sequence[Group], scan: int) -> bool:
@@ -87,41 +90,6 @@ def _is_torn(joiner: Joiner, groups: Sequence[Group], scan: int) -> bool:
             if fits and not is_true:
                 return True
     return False
-
-
-def _interchangeable(joiner: Joiner, group: Group) -> set[int]:
-    """Scans of a group that can change places in a ring, and all is explained about as well."""
-    takes = {scan: places_taken(group, scan, joiner, EXCHANGE) for scan in group.scans}
-    found: set[int] = set()
-    for length in range(2, LONGEST_RING + 1):
-        for ring in permutations(group.scans, length):
-            after = [*ring[1:], ring[0]]
-            links = zip(ring, after, strict=True)
-            if ring[0] == min(ring) and all(holder in takes[scan] for scan, holder in links):
-                there = {s: takes[s][holder] for s, holder in zip(ring, after, strict=True)}
-                found |= set(ring) if _explains(joiner, group, there) else set()
-    return found
-
-
-def _explains(joiner: Joiner, group: Group, there: dict[int, FloatArray]) -> bool:
-    """Whether scans of a group in other places explain about as much, and contradict nothing."""
-    now = _said(joiner, group, set(there))
-    then = _said(joiner, Group({**group.poses, **there}), set(there))
-    return then[1] <= STRICT.limit and then[0] >= AS_WELL * now[0]
-
-
-def _said(joiner: Joiner, group: Group, scans: set[int]) -> tuple[float, float]:
-    """What agrees and what contradicts in the pairs of a group that have one of some scans."""
-    witness, parts = joiner.witness, [(s, {s: group.poses[s]}) for s in sorted(scans)]
-    agrees, excess, worst = 0.0, 0.0, 0.0
-    for number, (_, alone) in enumerate(parts):
-        before = {scan for scan, _ in parts[: number + 1]}
-        rest = {s: T for s, T in group.poses.items() if s not in before}
-        said = witness.all_pairs(rest, alone, np.eye(4)[None])
-        agrees += float(said.support[0])
-        excess += float(said.excess[0])
-        worst = max(worst, float(said.worst[0]))
-    return agrees, max(worst, excess / (agrees + LITTLE_OVERLAP))
 
 
 def _is_same(joiner: Joiner, scan: int, T: FloatArray, other: FloatArray) -> bool:

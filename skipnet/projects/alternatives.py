@@ -1,0 +1,94 @@
+"""What all configurations have in common that explain the scans about as well as the best one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skipnet.geometry import invert
+from skipnet.projects.assembly import numbered
+from skipnet.projects.configurations import Configuration
+from skipnet.projects.groups import SAME_VOXELS, Group, Joiner
+from skipnet.projects.witness import leaders
+
+WORTH_A_DOUBT = 0.5
+"""Another configuration counts in which less is lost than this share of what agrees between scans
+that lie to each other otherwise in it."""
+
+
+def common_parts(
+    best: Configuration, others: Sequence[Configuration], joiner: Joiner
+) -> list[list[int]]:
+    """Scans of the best configuration in parts that lie alike in all others that count.
+
+    Another one counts if it explains about as much as the best one, and as any that counts already:
+    else what is wrong in it would hide behind what may as well be so.
+
+    Args:
+        best: of which most agrees.
+        others: the better ones first.
+        joiner: knows the scans.
+    """
+    counting = [best]
+    parts = [group.scans for group in best.groups]
+    for other in others:
+        if all(_counts(other, one, joiner) for one in counting):
+            counting.append(other)
+            number = numbered(_alike(best, other, joiner))
+            parts = [
+                [scan for scan in part if number[scan] == n]
+                for part in parts
+                for n in sorted({number[scan] for scan in part})
+            ]
+    return parts
+
+
+def _counts(other: Configuration, better: Configuration, joiner: Joiner) -> bool:
+    """Whether a configuration explains the scans about as well as a better one."""
+    number = numbered(_alike(better, other, joiner))
+    at_stake = sum(share for (a, b), share in better.shares.items() if number[a] != number[b])
+    return better.merit - other.merit <= WORTH_A_DOUBT * at_stake
+
+
+def _alike(one: Configuration, other: Configuration, joiner: Joiner) -> list[list[int]]:
+    """All scans, in parts that lie to each other in one configuration as in the other.
+
+    A part that merely was not joined in the other, and joined nothing else, is where it was.
+    """
+    result = []
+    for group in one.groups:
+        parts = [
+            (second, part) for second in other.groups for part in _common(group, second, joiner)
+        ]
+        main, most = max(parts, key=lambda part: (len(part[1]), [-scan for scan in part[1]]))
+        stays = [
+            scan
+            for second, part in parts
+            for scan in part
+            if part is most or (second is not main and second.scans == part)
+        ]
+        moved = [part for _, part in parts if not set(part) <= set(stays)]
+        result += [stays, *moved]
+    return result
+
+
+def _common(group: Group, other: Group, joiner: Joiner) -> list[list[int]]:
+    """Scans of both groups, in parts that lie in both alike."""
+    witness, size_m = joiner.witness, SAME_VOXELS * joiner.witness.voxel_size_m
+    parts, left = [], [scan for scan in group.scans if scan in other.poses]
+    while left:
+        motion = other.poses[left[0]] @ invert(group.poses[left[0]])
+        same = [
+            scan
+            for scan in left
+            if leaders(
+                np.stack([motion @ group.poses[scan], other.poses[scan]]),
+                witness.centres_m[scan],
+                size_m,
+            )[1]
+            == 0
+        ]
+        parts.append(same)
+        left = [scan for scan in left if scan not in same]
+    return parts
