@@ -19,6 +19,7 @@ It takes half a minute where nothing is kept yet; the first registration then st
 NUMBA_CACHE_DIR names the folder; otherwise it is the package's own or the user's cache."""
 ROOM_M = (-4.0, -3.0, -1.5), (5.0, 3.5, 1.2)
 """Two corners of what the simulated scanner stands in."""
+_DPI = 30
 DENSE_BEAMS = 20_000
 RINGS, RING_BEAMS = 16, 1000
 
@@ -46,10 +47,13 @@ def compile_usual() -> None:
     """
     from skipnet.registration.pipeline import register
     from skipnet.results.skipmaps import skipmaps_of
+    from skipnet.viz.pictures import draw_before_after
 
     pairs = list(_pairs())
     for source_m, target_m, options in counted("pairs", pairs, len(pairs)):
-        skipmaps_of(register(source_m, target_m, **options))
+        result = register(source_m, target_m, **options)
+        skipmaps_of(result)
+        draw_before_after(source_m, target_m, result.T_target_source).image(dpi=_DPI)
 
 
 def _pairs() -> Iterator[tuple[FloatArray, FloatArray, dict[str, Any]]]:
