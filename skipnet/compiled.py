@@ -21,6 +21,7 @@ from numba.core.caching import (
     InTreeCacheLocator,
     NullCache,
 )
+from numba.core.runtime import rtsys
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
 INSTALLED = Path(__file__).parent / "machine_code"
@@ -58,6 +59,20 @@ def _compile(function: _Function, forceinline: bool = False) -> _Function:
     return made
 
 
+class _Cache(FunctionCache):
+    """numba's, without what compiling needs and running does not."""
+
+    def load_overload(self, sig: object, target_context: Any) -> Any:
+        """The machine code for these types, or None.
+
+        numba would first import all that it can compile, SciPy among it: a quarter of a second.
+        When something is compiled it does so then.
+        """
+        rtsys.initialize(target_context)  # of what is kept some allocates arrays
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+
 class _Kept(NullCache):
     """Machine code of one function: what was installed, else what this machine has kept.
 
@@ -68,23 +83,23 @@ class _Kept(NullCache):
         self._function = function
 
     @cached_property
-    def _installed(self) -> FunctionCache | None:
+    def _installed(self) -> _Cache | None:
         with suppress(RuntimeError):  # there is none for this function
             return _InstalledCache(self._function)
         return None
 
     @cached_property
-    def _own(self) -> FunctionCache | None:
+    def _own(self) -> _Cache | None:
         """numba's choice of a folder, else one for temporary files; None where there is neither."""
         with suppress(RuntimeError):  # numba finds no folder for its cache
-            return FunctionCache(self._function)
+            return _Cache(self._function)
         if (folder := _temporary_cache()) is None:
             return None
         options = vars(config)  # read by numba whenever a cache is made
         saved, options["CACHE_DIR"] = options["CACHE_DIR"], folder
         try:
             with suppress(RuntimeError):
-                return FunctionCache(self._function)
+                return _Cache(self._function)
         finally:
             options["CACHE_DIR"] = saved
         return None
@@ -139,8 +154,8 @@ class _InstalledImplementation(CompileResultCacheImpl):
     _locator_classes = [InstalledLocator]
 
 
-class _InstalledCache(FunctionCache):
-    _impl_class = _InstalledImplementation
+class _InstalledCache(_Cache):
+    _impl_class = _InstalledImplementation  # type: ignore[assignment]
 
 
 @cache
