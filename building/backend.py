@@ -19,7 +19,7 @@ from setuptools.build_meta import *  # noqa: F403
 from setuptools.command.build_py import build_py
 
 COMPILE = "from skipnet.commands.compile import compile_usual; compile_usual()"
-NEEDED = "numba", "numpy", "scipy", "small_gicp", "threadpoolctl"
+NEEDED = "numba", "numpy", "pillow", "scipy", "small_gicp", "threadpoolctl"
 """What registering two scans imports."""
 
 

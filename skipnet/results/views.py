@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.geometry import transform_points
+from skipnet.parallel.threads import one_blas_thread
 from skipnet.registration.result import Registration
 from skipnet.results.inputs import LARGEST_SCENE_M, Given
 from skipnet.results.skipmaps import matched_features, skipmaps_of
@@ -59,6 +60,7 @@ def words_of(result: Registration) -> PoseWords:
     return NOTHING if result.findings is None else WORDS[Status(result.status)]
 
 
+@one_blas_thread
 def pair_viewer(
     source: Given,
     target: Given,

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
+from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
@@ -34,3 +38,20 @@ def test_it_registers_every_kind_in_both_precisions(capsys, monkeypatch):
         extent_m = np.ptp(points_m, axis=0)
         assert np.isfinite(points_m).all()
         assert (extent_m <= np.subtract(high_m, low_m) + 1e-4).all() and extent_m.min() > 1
+
+
+def test_it_runs_with_what_a_wheel_is_built_with():
+    """Without those dependencies that ``building/backend.py`` does not ask for."""
+    root = Path(__file__).parents[2]
+    needed = re.findall(r"^NEEDED = (.*)", (root / "building" / "backend.py").read_text(), re.M)[0]
+    block = re.search(
+        r"^dependencies = \[(.*?)^\]", (root / "pyproject.toml").read_text(), re.M | re.S
+    )
+    others = set(re.findall(r'^    "([\w-]+)', block[1], re.M)) - set(
+        re.findall(r'"(\w+)"', needed)
+    )
+    assert {"torch", "open3d", "matplotlib", "hydra-core"} <= others
+    imported_as = {"hydra-core": "hydra", "scikit-learn": "sklearn"}
+    missing = {imported_as.get(name, name): None for name in others}
+    script = f"import sys; sys.modules |= {missing}; from skipnet.commands.compile import *"
+    subprocess.run([sys.executable, "-c", f"{script}; compile_usual()"], cwd=root, check=True)
