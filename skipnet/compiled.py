@@ -33,10 +33,10 @@ def compiled(function: _Function) -> _Function:
 
     Arguments are arrays and numbers; each combination of their types is compiled apart. Where the
     package was installed with machine code for this processor, Python and numba (``INSTALLED``),
-    that is run. What it has not is compiled and
-    kept beside the source, or in the user's cache where that folder cannot be written, or
-    where neither can in a folder for temporary files, which is said; ``NUMBA_CACHE_DIR`` names
-    another. Where the disk is full it is not kept, which is said; what is damaged is made anew.
+    that is run. Other code is kept beside the source, or in the user's cache where that folder
+    cannot be written, or where neither can in a folder for temporary files, which is said;
+    ``NUMBA_CACHE_DIR`` names another. Where the disk is full it is not kept, which is said; what is
+    damaged is made anew.
 
     What is kept is known to be stale when the function's own file has changed, not when another
     has: a compiled function uses nothing that its module imports from skipnet, which
