@@ -10,7 +10,7 @@ APT_LIBRARIES := libusb-1.0-0 libgl1 libegl1 libgomp1
 .PHONY: demo test lint results clean
 
 demo: $(VENV)/.ready
-	@echo "Two scans of a simulated room are registered; the first call compiles the loops, some seconds."
+	@echo "Two scans of a simulated room are registered."
 	$(PY) register.py
 
 test: lint
@@ -60,16 +60,18 @@ $(PY):
 		exit 1
 	fi
 	"$$python" -c 'import ensurepip, venv' 2>/dev/null || apt_install python3-venv
-	echo "1 of 3: a virtual environment in $(VENV), with $$("$$python" --version)"
+	echo "1 of 4: a virtual environment in $(VENV), with $$("$$python" --version)"
 	"$$python" -m venv $(VENV)
 
 $(VENV)/.ready: pyproject.toml | $(PY)
 	@$(apt_install)
-	echo "2 of 3: skipnet and what it needs (PyTorch, Open3D and others: one to two gigabytes, some minutes)"
+	echo "2 of 4: skipnet and what it needs (PyTorch, Open3D and others: one to two gigabytes, some minutes)"
 	$(PY) -m pip install -qq -e '.[formats]'
-	echo "3 of 3: Debian's libraries for Open3D, where they are missing"
+	echo "3 of 4: Debian's libraries for Open3D, where they are missing"
 	$(PY) -c 'import open3d' 2>/dev/null || apt_install $(APT_LIBRARIES)
 	$(PY) -c 'import open3d'
+	echo "4 of 4: the loops over points are compiled, half a minute, so that no first call waits for it"
+	$(PY) -m skipnet compile
 	touch $@
 
 $(VENV)/.ready-for-tests: pyproject.toml $(VENV)/.ready

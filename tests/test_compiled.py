@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -96,9 +97,31 @@ def test_where_no_folder_can_be_written_each_process_compiles_anew(tmp_path):
     assert found == "[1.0, 2.0, 0.0] [3.0, 5.0, 0.0]"
 
 
-def test_code_kept_from_an_earlier_version_of_a_file_is_not_used(tmp_path):
-    import shutil
+def test_machine_code_that_was_installed_is_run_and_only_read(tmp_path):
+    shutil.copytree(ROOT, tmp_path / "skipnet", ignore=shutil.ignore_patterns("__pycache__"))
+    installed, kept = tmp_path / "skipnet" / "machine_code", tmp_path / "kept"
+    installed.mkdir()
+    places = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(kept)}
+    building = {"NUMBA_CACHE_LOCATOR_CLASSES": "skipnet.compiled.InstalledLocator"}
+    right = run_anew(tmp_path, **places, **building)  # as when a wheel is built
+    before = {path: path.read_bytes() for path in installed.rglob("*.nb?")}
+    assert len(before) == 2
+    for path in (tmp_path / "skipnet").rglob("*.py"):
+        os.utime(path, (1e9, 1e9))  # pip does not keep the times of files
+    assert run_anew(tmp_path, **places) == right and not list(kept.rglob("*.nb?"))
 
+    for path in before:  # cut off
+        path.write_bytes(before[path][:100])
+    assert run_anew(tmp_path, **places) == right and len(list(kept.rglob("*.nb?"))) == 2
+    for path in before:
+        path.write_bytes(before[path])
+    path = tmp_path / "skipnet" / "clouds" / "statistics.py"
+    path.write_text(path.read_text().replace("return low_m, high_m", "return high_m, low_m"))
+    assert run_anew(tmp_path, **places) == "[3.0, 5.0, 0.0] [1.0, 2.0, 0.0]"
+    assert {path: path.read_bytes() for path in installed.rglob("*.nb?")} == before
+
+
+def test_code_kept_from_an_earlier_version_of_a_file_is_not_used(tmp_path):
     shutil.copytree(ROOT, tmp_path / "skipnet", ignore=shutil.ignore_patterns("__pycache__"))
     before = run_anew(tmp_path, PYTHONPATH=str(tmp_path))
     assert before == "[1.0, 2.0, 0.0] [3.0, 5.0, 0.0]"

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skipnet.clouds.statistics import bounds, central_moments
-from skipnet.geometry import rotation_from_vector
+from skipnet.geometry import nearest, rotation_from_vector
 
 
 @pytest.fixture(params=[np.float32, np.float64])
@@ -42,3 +42,15 @@ def test_rotations_are_scipys_from_none_to_a_whole_turn():
     np.testing.assert_array_equal(
         rotation_from_vector(vectors_rad[7]), rotation_from_vector(vectors_rad)[7]
     )
+
+
+def test_the_nearest_of_other_points_is_that_of_scipy():
+    from scipy.spatial import cKDTree
+
+    rng = np.random.default_rng(3)
+    for kind, count in ((np.float64, 3000), (np.float32, 2), (np.float64, 1)):
+        from_m, to_m = (rng.normal(size=(rows, 3)).astype(kind) for rows in (500, count))
+        away_m, rows = nearest(from_m, to_m)
+        expected_m, expected = cKDTree(to_m.astype(np.float64)).query(from_m.astype(np.float64))
+        np.testing.assert_allclose(away_m, expected_m, rtol=1e-12)
+        assert (rows == expected).all()

@@ -35,12 +35,12 @@ def distributions(tmp_path_factory):
     copy = tmp_path_factory.mktemp("source") / "skipnet"
     copy.mkdir()
     skipped = shutil.ignore_patterns("__pycache__")
-    for folder in ("skipnet", "configs"):
+    for folder in ("skipnet", "configs", "building"):
         shutil.copytree(ROOT / folder, copy / folder, symlinks=True, ignore=skipped)
     for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
-    build = "from setuptools.build_meta import *; build_wheel('dist'); build_sdist('dist')"
-    run([sys.executable, "-c", build], copy)
+    build = "from backend import *; build_wheel('dist'); build_sdist('dist')"
+    run([sys.executable, "-c", f"import sys; sys.path.insert(0, 'building'); {build}"], copy)
     [wheel], [sdist] = (copy / "dist").glob("*.whl"), (copy / "dist").glob("*.tar.gz")
     return wheel, sdist
 
@@ -57,9 +57,10 @@ def installed(distributions, tmp_path_factory):
     return folder / "bin"
 
 
-def run(command, folder):
+def run(command, folder, **variables):
     """Run a command in a folder that is not the repository; its standard output."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment |= variables
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -75,6 +76,42 @@ def test_wheel_and_sdist_hold_the_data(distributions):
         files = [member.name for member in archive.getmembers() if member.isfile()]
         assert [name for name in DATA if f"{stem}/skipnet/{name}" not in files] == []
         assert not [name for name in files if name.startswith(f"{stem}/tests")]
+
+
+def test_an_installed_registration_compiles_nothing(installed, distributions, tmp_path):
+    [code] = installed.parent.glob("lib/python*/site-packages/skipnet/machine_code")
+    before = {path: path.read_bytes() for path in code.rglob("*") if path.is_file()}
+    assert len([path for path in before if path.suffix == ".nbc"]) > 40
+    pair = simulate_pair("closed", 4, points=15_000).pair
+    for name, points_m in (("source", pair.source_m), ("target", pair.target_m)):
+        np.save(tmp_path / f"{name}.npy", points_m)
+    command = [str(installed / "skipnet"), "register", "source=source.npy", "target=target.npy"]
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    assert run(command, tmp_path, NUMBA_CACHE_DIR=str(kept)).startswith("registered")
+    assert not list(kept.rglob("*.nbc"))
+    assert {path: path.read_bytes() for path in code.rglob("*") if path.is_file()} == before
+    assert distributions[0].name.endswith("-py3-none-any.whl")
+
+
+def test_a_wheel_is_built_without_machine_code_where_that_is_unwanted_or_fails(tmp_path):
+    copy = tmp_path / "source"
+    shutil.copytree(ROOT / "building", copy / "building")
+    (copy / "skipnet").mkdir()
+    (copy / "skipnet" / "__init__.py").write_text("raise ImportError('nothing to compile with')")
+    (copy / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text().replace(
+        'dynamic = ["version"]', 'version = "1"').replace(
+        'version = { attr = "skipnet.provenance.__version__" }', "").replace(
+        'readme = "README.md"\n', ""))  # fmt: skip
+    build = "import sys; sys.path.insert(0, 'building'); import backend as b; b.build_wheel('.');"
+    told = {}
+    for wanted in ("yes", "no"):
+        ask = f"{build} print(len(b.get_requires_for_build_wheel()))"
+        told[wanted] = run([sys.executable, "-c", ask], copy, SKIPNET_MACHINE_CODE=wanted)
+        with zipfile.ZipFile(copy / "skipnet-1-py3-none-any.whl") as archive:
+            assert not [name for name in archive.namelist() if name.endswith((".nbi", ".nbc"))]
+    assert "not compiled ahead of time" in told["yes"] and told["yes"].endswith("\n6\n")
+    assert "compiled" not in told["no"] and told["no"].endswith("\n0\n")
 
 
 def test_the_installed_commands_register_evaluate_and_train(installed, tmp_path):

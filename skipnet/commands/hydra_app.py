@@ -14,9 +14,9 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from string import Template
 from typing import Any, NoReturn, TypeVar
 
+from skipnet.commands.composing import composed, help_text, is_plain, store
 from skipnet.commands.errors import (
     EXIT_BAD_INPUT,
     EXIT_INTERRUPTED,
@@ -72,9 +72,11 @@ def run(
     try:
         flags = check_overrides(arguments, schema, config_dir)
         if flags.help:
-            print(_help(name, schema, config_dir, flags.overrides))
+            print(help_text(name, schema, config_dir, flags.overrides))
             return EXIT_OK
         shown_task = _shown(name, task, as_json)
+        if is_plain(flags):
+            return exit_code(_run_plainly(name, schema, shown_task, config_dir, flags.overrides))
         return _run_hydra(name, schema, shown_task, config_dir, exit_code, arguments, as_rows)
     except (Exception, KeyboardInterrupt) as error:
         if was_interrupted(error):
@@ -136,27 +138,21 @@ def _end_now() -> NoReturn:
     os._exit(EXIT_INTERRUPTED)
 
 
-def _help(name: str, schema: type, config_dir: Path, overrides: Sequence[str]) -> str:
-    """What Hydra would answer to ``--help``, in half the time: it looks through its plugins first.
-
-    The template is ``hydra.help.template`` of the script's YAML file.
-    """
-    from hydra import compose, initialize_config_dir
+def _run_plainly(
+    name: str,
+    schema: type,
+    task: Callable[[Config], Result],
+    config_dir: Path,
+    overrides: Sequence[str],
+) -> Result:
+    """One run without ``hydra.main``, which looks through its plugins and composes once more."""
     from omegaconf import OmegaConf
 
-    _store(name, schema)
-    with initialize_config_dir(str(config_dir.resolve()), version_base="1.3"):
-        composed = compose(name, list(overrides), return_hydra_config=True)
-    own = OmegaConf.masked_copy(composed, [str(key) for key in composed if key != "hydra"])
-    groups = {
-        folder.name: ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
-        for folder in sorted(config_dir.iterdir())
-        if folder.is_dir()
-    }
-    return Template(composed.hydra.help.template).substitute(
-        APP_CONFIG_GROUPS="".join(f"{group}: {names}\n" for group, names in groups.items()),
-        CONFIG=OmegaConf.to_yaml(own),
-    )
+    own, _ = composed(name, schema, config_dir, overrides)
+    logging.getLogger().setLevel(logging.ERROR)  # as Hydra does where its logging is disabled
+    config: Any = OmegaConf.to_object(own)
+    with _owning(name, config):
+        return task(config)
 
 
 def _run_hydra(
@@ -171,24 +167,24 @@ def _run_hydra(
     import hydra
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
-    from omegaconf import DictConfig, OmegaConf
+    from omegaconf import OmegaConf
 
-    _store(name, schema)
+    store(name, schema)
     outcome: list[int | Exception] = []
     sweeps: set[Path] = set()
 
-    def job(composed: DictConfig) -> None:
+    def job(given: Any) -> None:
         """One run: what Hydra calls, once, or once per combination of a sweep."""
         in_sweep = HydraConfig.get().mode is RunMode.MULTIRUN
-        if in_sweep and "output_dir" in composed:
-            composed.output_dir = HydraConfig.get().runtime.output_dir
+        if in_sweep and "output_dir" in given:
+            given.output_dir = HydraConfig.get().runtime.output_dir
         try:
-            config = OmegaConf.to_object(composed)
+            config = OmegaConf.to_object(given)
             with _owning(name, config):
                 result = task(config)  # type: ignore[arg-type]
                 outcome.append(exit_code(result))
             if in_sweep and as_rows is not None:
-                folder = Path(composed.output_dir)
+                folder = Path(given.output_dir)
                 note_run(folder, HydraConfig.get().overrides.task, as_rows(result))
                 sweeps.add(folder.parent)
         except Exception as error:
@@ -215,13 +211,6 @@ def _owning(name: str, config: object) -> AbstractContextManager[None]:
 
     folder = getattr(config, "output_dir", None)
     return nullcontext() if folder is None else owned(Path(folder), name.replace("/", " "))
-
-
-def _store(name: str, schema: type) -> None:
-    """Let the YAML file of a command list its schema; those of studies lie in a folder."""
-    from hydra.core.config_store import ConfigStore
-
-    ConfigStore.instance().store(f"{name.split('/')[-1]}_schema", schema)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The console command: ``skipnet register|evaluate|train|study``, also ``python -m skipnet``."""
+"""The console command ``skipnet register|evaluate|train|study|compile``, or python -m skipnet."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ COMMANDS = {
     "evaluate": "compare registration methods on the same pairs",
     "train": "train the network on simulated scenes",
     "study": "ask one question about the method",
+    "compile": "make machine code now, which the first registration would wait for",
 }
 """Each is a module of this room with a ``main``."""
 

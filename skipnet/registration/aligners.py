@@ -14,7 +14,7 @@ from skipnet.registration.contenders import Contenders
 from skipnet.registration.judging.judge import HOPELESS, Judge
 from skipnet.registration.judging.likeness import odd_share
 from skipnet.registration.judging.score import ROUGH
-from skipnet.registration.judging.sliding import holds, is_weak, slide
+from skipnet.registration.judging.sliding import gains_much, holds, is_weak, slide
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray
 
@@ -48,13 +48,10 @@ class DenseAligner:
     is_sparse = False
 
     def prepare(self, coarse: FloatArray, start: FloatArray, rival_total: float) -> Contenders:
-        """Refine candidates a little, from (C, 4, 4) ``start``; they were proposed as ``coarse``.
-
-        What scores far less than what is in the running already is not slid.
-        """
+        """Refine candidates a little, from (C, 4, 4) ``start``, proposed as ``coarse``."""
         fine = _refine_roughly(start, self.source, self.target, self.samples)
         score = self.judge.score(fine.T_target_source)
-        return self._slid(Contenders(coarse, fine, fine.T_target_source, score), rival_total)
+        return Contenders(coarse, fine, fine.T_target_source, score)
 
     def finish(self, best: Refinement, T_target_source: FloatArray, total: float) -> Refinement:
         """The final fine alignment of one pose, undone if the judge likes its result less.
@@ -93,14 +90,19 @@ class DenseAligner:
             return False
         return bool(judge.decisiveness(best, T_target_source[None])[0] > MIN_MIRRORED)
 
-    def _slid(self, aligned: Contenders, rival_total: float) -> Contenders:
-        """The best of them moved along their weak directions, with new scores."""
+    def slid(self, aligned: Contenders, rival_total: float, is_hopeless: bool) -> Contenders:
+        """The best of them moved along their weak directions, with new scores.
+
+        Not what scores far less than what is in the running already; and where nothing is near
+        being registered, only what gains much by it, as a tenth of the voxels says.
+        """
         fine, total, T = aligned.fine, aligned.score.total, aligned.T_target_source.copy()
         rows = self.judge.distinct(T, aligned.score)[:SLIDING_FINALISTS]
         for row in rows[total[rows] >= WORTH_SLIDING * max(aligned.best_total, rival_total)]:
             share, directions = holds(fine.information[row], fine.matched[row])
             for direction in directions[is_weak(share, fine.matched[row])]:
-                T[row] = slide(T[row], direction, self.judge)
+                if not is_hopeless or gains_much(T[row], direction, self.judge):
+                    T[row] = slide(T[row], direction, self.judge)
         slid = (fine.T_target_source != T).any()
         score = self.judge.score(T) if slid else aligned.score
         return replace(aligned, T_target_source=T, score=score)
@@ -139,6 +141,10 @@ class SparseAligner:
         fine = refine_sparse(fine[rows], self.source.thinned, self.target.thinned, voxel_size_m)
         score = judge.score(fine.T_target_source)
         return Contenders(coarse[rows], fine, fine.T_target_source, score)
+
+    def slid(self, aligned: Contenders, rival_total: float, is_hopeless: bool) -> Contenders:
+        """As they are: scan lines hold no place along a surface."""
+        return aligned
 
     def finish(self, best: Refinement, T_target_source: FloatArray, total: float) -> Refinement:
         """The final fine alignment of one prepared pose; nothing slid it, and its score stays."""

@@ -171,11 +171,18 @@ def _naming_units(
     )
     cheap = [one for one in config.generators if one not in LAST_RESORTS]
     quick = replace(config, generators=cheap or config.generators)
-    retry = register_scans(scans[0], scans[1], quick, Stopwatch())
-    registers = retry.status is Status.REGISTERED
+    registers = _register(scans[0], scans[1], quick)
     if not (registers or guess.is_surely_apart):
         return result
     return replace(result, status=Status.FAILED, reason=reason_for(guess, registers))
+
+
+@one_blas_thread
+def _register(source: Scan, target: Scan, config: RegistrationConfig) -> bool:
+    """Whether two scans can be registered."""
+    moving, fixed = sorted((source, target), key=lambda scan: scan.rank)
+    answer = search(moving, fixed, config, Stopwatch(), only_registered=True)
+    return answer.verdict.status is Status.REGISTERED
 
 
 def _facts(scan: Scan) -> ScanFacts:

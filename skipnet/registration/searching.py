@@ -34,10 +34,12 @@ def search(
     config: RegistrationConfig,
     clock: Stopwatch,
     guesses: FloatArray | None = None,
+    only_registered: bool = False,
 ) -> Answer:
     """Propose, verify and refine, one generator after the other until the verdict is clear.
 
-    (C, 4, 4) guesses stand among what the first generator proposes.
+    (C, 4, 4) guesses stand among what the first generator proposes. Where a registered pose alone
+    is of use, no more is found out of the others once none can be registered.
     """
     with clock("classes"):
         evidence_s, evidence_t = (
@@ -62,9 +64,11 @@ def search(
             if may_be_registered(running.score, judge.blind):
                 running = realigned(running, aligner) if before else running
                 answer = settle(running, aligner)
+    if answer is None and only_registered:
+        return Answer.none()
     if answer is None:  # no pose can be registered: which is the best one, and why not?
         with clock("fine alignment"):
-            return settle(running, aligner)
+            return settle(running, aligner, is_refused=True)
     return _with_repeats(answer, running, aligner, clock)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
@@ -11,7 +13,7 @@ from skipnet.registration.contenders import Contenders
 from skipnet.registration.examining import AMBIGUOUS_MARGIN, find_out, held_voxels
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
-from skipnet.registration.verdict import decide
+from skipnet.registration.verdict import decide, may_be_registered
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, IntArray
 
@@ -24,6 +26,9 @@ COMPARED = 6
 """... but no more of them than this."""
 CLOSE_MARGIN = 0.5
 """A best pose that leads by less is compared with its rivals more strictly."""
+LITTLE_GAINED = 2.0
+"""By how much a confidence's logit may rise where a slide makes a score rise by three tenths, and
+the lead with it. (A slide out of what was seen as free can make it rise by 4.)"""
 FINALISTS = 10
 """Poses that stay in the running when the next generator is asked."""
 
@@ -38,6 +43,8 @@ def aligner_of(source: Scan, target: Scan, judge: Judge, samples: int) -> Aligne
 def enter(running: Contenders, fresh: FloatArray, aligner: Aligner) -> Contenders:
     """Align (C, 4, 4) fresh candidates a little; the best distinct ones of all are in the running.
 
+    Where no pose is near being registered few slide: all do, once more, when one may be.
+
     Args:
         running: those before, aligned already; the best few of them stay.
         fresh: new candidates.
@@ -45,7 +52,10 @@ def enter(running: Contenders, fresh: FloatArray, aligner: Aligner) -> Contender
     """
     if len(fresh) == 0:
         return running
-    everyone = running[:FINALISTS].joined(aligner.prepare(fresh, fresh, running.best_total))
+    aligned = aligner.prepare(fresh, fresh, running.best_total)
+    is_hopeless = not may_be_registered(aligned.score, aligner.judge.blind, gained=LITTLE_GAINED)
+    aligned = aligner.slid(aligned, running.best_total, is_hopeless)
+    everyone = running[:FINALISTS].joined(aligned)
     return everyone[aligner.judge.distinct(everyone.T_target_source, everyone.score)]
 
 
@@ -53,11 +63,15 @@ def realigned(running: Contenders, aligner: Aligner) -> Contenders:
     """All of them aligned once more, from where they are: what is right stays, or comes nearer, and
     so does what can rival it."""
     again = aligner.prepare(running.coarse, running.T_target_source, 0.0)
+    again = aligner.slid(again, 0.0, is_hopeless=False)
     return again[aligner.judge.distinct(again.T_target_source, again.score)]
 
 
-def settle(running: Contenders, aligner: Aligner) -> Answer:
-    """Judge those in the running with all evidence, align the best one finely, and decide."""
+def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> Answer:
+    """Judge those in the running with all evidence, align the best one finely, and decide.
+
+    Where none of them can be registered, the best one, which is not to be used, stays as it is.
+    """
     judge, fine, T, score = aligner.judge, running.fine, running.T_target_source, running.score
     if len(running) == 0:
         return Answer.none()
@@ -66,7 +80,9 @@ def settle(running: Contenders, aligner: Aligner) -> Answer:
         score = judge.closer(T, score)
         kept = judge.distinct(T, score)
     kept = clearest_first(kept, score, fine, T, judge)
-    best = aligner.finish(fine[kept[:1]], T[kept[0]], score.total[kept[0]])
+    best = replace(fine[kept[:1]], T_target_source=T[kept[:1]])
+    if not is_refused:
+        best = aligner.finish(best, T[kept[0]], score.total[kept[0]])
     findings = find_out(judge, aligner, best, fine, T, score, kept)
     kept = kept[:FINALISTS]
     return Answer(

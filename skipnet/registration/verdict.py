@@ -97,7 +97,7 @@ def confidence_of(features: FloatArray) -> float:
     return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias))))
 
 
-def may_be_registered(score: Score, blind: float) -> bool:
+def may_be_registered(score: Score, blind: float, gained: float = 0.0) -> bool:
     """Whether one of (C,) scored poses may be registered, whatever else is found out about it.
 
     A bound: of what the confidence is made of, all that the score does not say is taken to be as
@@ -106,6 +106,7 @@ def may_be_registered(score: Score, blind: float) -> bool:
     Args:
         score: the judge's figures, before any closer look.
         blind: share of the two scans whose viewpoint is unknown.
+        gained: by how much the logit of the confidence may rise before they are scored again.
     """
     fitted = _calibration()
 
@@ -116,7 +117,7 @@ def may_be_registered(score: Score, blind: float) -> bool:
     logit = fitted.bias + fitted.weight("blind") * blind + weight("support") * score.support
     logit = logit + fitted.weight("violation") * np.sqrt(score.violation)
     logit = logit + max(weight("margin"), 0.0) * most_margin + max(weight("held"), 0.0) * MOST_HELD
-    return bool((logit >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE))).any())
+    return bool((logit + gained >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE))).any())
 
 
 @dataclass(frozen=True)

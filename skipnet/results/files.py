@@ -6,15 +6,18 @@ all.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
 from skipnet.clouds.formats.writing import write_cloud
 from skipnet.geometry import pose_error
+from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.progress import clear, tell
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.prior import Prior
@@ -131,6 +134,7 @@ def _register(source: Given, target: Given, choices: Choices) -> Registration:
     )
 
 
+@one_blas_thread
 def write_pair(
     source: Given,
     target: Given,
@@ -144,12 +148,13 @@ def write_pair(
     Returns:
         The rows of the closing table.
     """
-    from skipnet.viz.pictures import draw_before_after
-    from skipnet.viz.views import png_bytes
-
     tell("drawing")
-    drawn_m = points_of(source.points_m), points_of(target.points_m)
-    png = png_bytes(draw_before_after(*drawn_m, result.T_target_source))
+    lengths = Lengths(target.cloud.unit)
+    drawings: list[Callable[[], Any]] = [
+        partial(_picture, source, target, result),
+        partial(pair_viewer, source, target, result, lengths),
+    ]
+    png, (view, residuals_m) = side_by_side(lambda draw: draw(), drawings)
     given = {"source": source, "target": target}
     described = {name: scan.description for name, scan in given.items()}
     inputs = {name: str(scan.path) for name, scan in given.items()}
@@ -157,13 +162,20 @@ def write_pair(
     tell("writing")
     write_aligned(source, target, result.T_target_source, folder, names)
     write_bytes(folder / "before_after.png", png)
-    lengths = Lengths(target.cloud.unit)
-    view, residuals_m = pair_viewer(source, target, result, lengths)
     page = pair_page(result, described, view, residuals_m, png, seed, lengths)
     write_text(folder / "report.html", page)
     write_text(folder / "result.json", result_json(result, inputs, facts, seed, lengths))
     written = sorted(path.name for path in folder.iterdir())
     return closing_rows(result, residuals_m, lengths, written)
+
+
+def _picture(source: Given, target: Given, result: Registration) -> bytes:
+    """before_after.png."""
+    from skipnet.viz.pictures import draw_before_after
+    from skipnet.viz.views import png_bytes
+
+    drawn_m = points_of(source.points_m), points_of(target.points_m)
+    return png_bytes(draw_before_after(*drawn_m, result.T_target_source))
 
 
 def announce(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.clouds.cloud import Cloud
+from skipnet.parallel.threads import one_blas_thread
 from skipnet.progress import tell
 from skipnet.results.closing import many_rows
 from skipnet.results.clouds import output_names, write_merged
@@ -84,6 +85,7 @@ def register_scan_files(
     return result
 
 
+@one_blas_thread
 def write_many(
     scans: Sequence[Given],
     result: Assembly,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skipnet.geometry import transform_points
+from skipnet.geometry import nearest, transform_points
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.registration.result import Registration
 from skipnet.scans.scan import Scan
@@ -45,15 +45,12 @@ def matched_features(
     source, target = skipmaps
     if source is None or target is None or result.findings is None:
         return []
-    from scipy.spatial import cKDTree
-
     rows = [np.flatnonzero(one.classes < FeatureClass.PLANE) for one in (source, target)]
     if not len(rows[0]) or not len(rows[1]):
         return []
     moved_m = transform_points(result.T_target_source, source.centroids_m[rows[0]])
-    tree = cKDTree(target.centroids_m[rows[1]])
-    away_m, nearest = tree.query(moved_m)
-    alike = source.classes[rows[0]] == target.classes[rows[1]][nearest]
+    away_m, partner = nearest(moved_m, target.centroids_m[rows[1]])
+    alike = source.classes[rows[0]] == target.classes[rows[1]][partner]
     found = np.flatnonzero(alike & (away_m < _REACH_VOXELS * result.voxel_size_m))
     kept = np.random.default_rng(0).permutation(found)[:_MOST_MATCHES]
-    return [(int(row), int(nearest[row])) for row in kept]
+    return [(int(row), int(partner[row])) for row in kept]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.geometry import transform_points
+from skipnet.parallel.threads import one_blas_thread
 from skipnet.registration.result import Registration
 from skipnet.results.inputs import LARGEST_SCENE_M, Given
 from skipnet.results.skipmaps import matched_features, skipmaps_of
@@ -15,7 +16,7 @@ from skipnet.types import FloatArray, Status
 from skipnet.viz.colours import SOURCE_COLOUR, TARGET_COLOUR
 from skipnet.viz.lengths import Lengths
 from skipnet.viz.residuals import distances_m
-from skipnet.viz.viewed import ViewedPose, ViewedScan
+from skipnet.viz.viewed import ViewedPose, ViewedScan, some_rows
 from skipnet.viz.viewer import MOST_POINTS, viewer
 
 _FAR_EXTENTS = 5.0
@@ -59,6 +60,7 @@ def words_of(result: Registration) -> PoseWords:
     return NOTHING if result.findings is None else WORDS[Status(result.status)]
 
 
+@one_blas_thread
 def pair_viewer(
     source: Given,
     target: Given,
@@ -78,7 +80,10 @@ def pair_viewer(
     source_m, target_m = points_of(source.points_m), points_of(target.points_m)
     T = result.T_target_source
     moved_m = transform_points(T, source_m)
-    away_m = distances_m(moved_m, target_m), distances_m(target_m, moved_m)
+    shown = some_rows(target_m, most // 2)  # as the view will show them; the others are not asked
+    back_m = np.zeros(len(target_m))
+    back_m[shown] = distances_m(target_m[shown], moved_m)
+    away_m = distances_m(moved_m, target_m), back_m
     names = (f"source: {source.path.name}", f"target: {target.path.name}")
     described = skipmaps_of(result)
     tints = (SOURCE_COLOUR, TARGET_COLOUR)

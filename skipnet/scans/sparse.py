@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skipnet.skipmap.cell_table import CellTable
 from skipnet.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud
 
+_ROUNDED_UP = 1 + 1e-9
+"""So that no point that is just in reach seems to lie in the cell but one."""
 NEIGHBOURS = 10
 """Points that make a surface: enough to bridge two scan lines."""
 
@@ -28,11 +31,30 @@ class Thinned:
     """(N, 3) float64, those of the cloud."""
     covariances: FloatArray
     """(N, 3, 3) likewise."""
+    _tables: dict[float, CellTable] = field(default_factory=dict, repr=False, compare=False)
+    """By reach, as they are asked for."""
 
     def nearest(self, points_m: FloatArray, reach_m: float) -> IntArray:
-        """(P,) row of the point nearest to each of (P, 3) others; -1 if none is in reach."""
-        rows, squared_m2 = self.tree.batch_nearest_neighbor_search(points_m)
-        return np.where(np.array(squared_m2) < reach_m**2, np.array(rows), -1)
+        """(P,) row of the point nearest to each of (P, 3) others; -1 if none is in reach.
+
+        Far from all points a search tree takes longest: where a table of cells as long as the reach
+        shows none about, it is not asked.
+        """
+        asked = np.flatnonzero(self._table(reach_m).find_moved(np.eye(4)[None], points_m)[0] >= 0)
+        found = np.full(len(points_m), -1)
+        if len(asked):
+            rows, squared_m2 = self.tree.batch_nearest_neighbor_search(points_m[asked])
+            found[asked] = np.where(np.array(squared_m2) < reach_m**2, np.array(rows), -1)
+        return found
+
+    def _table(self, reach_m: float) -> CellTable:
+        """Of the points in cells of this size and those about them."""
+        if reach_m not in self._tables:
+            edge_m, origin_m = reach_m * _ROUNDED_UP, self.points_m.min(axis=0)
+            cells = np.floor((self.points_m - origin_m) / edge_m).astype(np.int64)
+            table = CellTable(np.unique(cells, axis=0), edge_m, origin_m, with_neighbours=True)
+            self._tables[reach_m] = table
+        return self._tables[reach_m]
 
 
 def thin(points_m: FloatArray, voxel_size_m: float) -> Thinned:

@@ -38,7 +38,7 @@ from skipnet.types import FloatArray, Pair
 from skipnet.viz.tables import Table
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from skipnet.viz.dots import DotPicture
 
 MOST_VIEWS = 12
 """Misses that are shown in 3-D too, so that the page stays below 10 MB."""
@@ -94,7 +94,7 @@ class Miss:
         assert T_answer is not None
         return pair_view(self.pair, T_answer)
 
-    def draw(self) -> Figure:
+    def draw(self) -> DotPicture:
         """Both scans under the reference pose, and under the answer."""
         from skipnet.viz.pictures import draw_before_after
 
@@ -102,11 +102,8 @@ class Miss:
         assert T_answer is not None
         pair = self.pair
         moved_m = transform_points(pair.T_target_source, np.asarray(pair.source_m, np.float64))
-        figure = draw_before_after(moved_m, pair.target_m, T_answer @ invert(pair.T_target_source))
-        for axes in figure.axes:
-            pose, _, side = axes.get_title().partition(", ")
-            axes.set_title(f"{'reference' if pose == 'before' else 'answer'}, {side}")
-        return figure
+        picture = draw_before_after(moved_m, pair.target_m, T_answer @ invert(pair.T_target_source))
+        return picture.retitled("before", "reference").retitled("after", "answer")
 
 
 def run(config: MissesConfig) -> dict[str, Any]:

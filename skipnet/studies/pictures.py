@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from skipnet.viz.dots import DotPicture
+
 DPI, COLOURS = 90, 64
 """Small files: they are kept with the documentation."""
 
@@ -48,7 +50,7 @@ def draw_documentation(folder: Path, seed: int = 0) -> list[Path]:
     """
     simulated = simulate_pair("paper_room", DEMO.scene(seed))
     scan = describe([simulated.target.points_m], ["auto"])[0]
-    drawings: dict[str, Callable[[], Figure]] = {
+    drawings: dict[str, Callable[[], Figure | DotPicture]] = {
         "scene": lambda: draw_scene(simulated),
         "skipmap": lambda: _draw_skipmap(scan),
         "classes": lambda: _draw_classes(scan),
@@ -89,7 +91,7 @@ def _given_m(scan: Scan) -> np.ndarray:
     return transform_points(scan.T_given_own, scan.skipmap.centroids_m)
 
 
-def _draw_before_after(simulated: SimulatedPair) -> Figure:
+def _draw_before_after(simulated: SimulatedPair) -> DotPicture:
     pair = simulated.pair
     result = register(pair.source_m, pair.target_m)
     return pictures.draw_before_after(pair.source_m, pair.target_m, result.T_target_source)

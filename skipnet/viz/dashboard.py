@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch.utils.tensorboard import SummaryWriter
 
+    from skipnet.viz.dots import DotPicture
+
 _DOT_SIZE = {"cls": "PointsMaterial", "size": 0.08}
 
 
@@ -84,7 +86,7 @@ def log_embedding(
     writer.add_embedding(vectors, rows, metadata_header=list(columns), tag=tag, global_step=step)
 
 
-def log_figure(writer: SummaryWriter, tag: str, figure: Figure, step: int = 0) -> None:
+def log_figure(writer: SummaryWriter, tag: str, figure: Figure | DotPicture, step: int = 0) -> None:
     """A Matplotlib figure in the IMAGES tab."""
     log_png(writer, tag, png_bytes(figure, dpi=100), step)
 

@@ -26,12 +26,21 @@ from skipnet.viz.colours import (
     class_colours,
     scan_colour,
 )
-from skipnet.viz.views import add_legend, draw_clouds, draw_dots, new_figure, thin, views_by_columns
+from skipnet.viz.dots import DotPicture
+from skipnet.viz.views import (
+    add_legend,
+    dots_by_columns,
+    draw_clouds,
+    draw_dots,
+    new_figure,
+    thin,
+    views_by_columns,
+)
 
 
 def draw_before_after(
     source_m: FloatArray, target_m: FloatArray, T_target_source: FloatArray
-) -> Figure:
+) -> DotPicture:
     """Both scans in the target's frame, as they came and registered, from above and from the side.
 
     Args:
@@ -41,14 +50,9 @@ def draw_before_after(
     """
     source_m, target_m = thin(source_m), thin(target_m)
     after_m = transform_points(T_target_source, source_m)
-    figure, views = views_by_columns(
-        np.concatenate([source_m, after_m, target_m]), ["before", "after"]
-    )
-    for view in views:
-        for axes, moved_m in zip(view.columns, (source_m, after_m), strict=True):
-            draw_clouds(axes, view.plane, [moved_m, target_m], [SOURCE_COLOUR, TARGET_COLOUR])
-    add_legend(figure, {"source": SOURCE_COLOUR, "target": TARGET_COLOUR})
-    return figure
+    columns = {"before": [source_m, target_m], "after": [after_m, target_m]}
+    colours = {"source": SOURCE_COLOUR, "target": TARGET_COLOUR}
+    return dots_by_columns(np.concatenate([source_m, after_m, target_m]), columns, colours)
 
 
 def draw_scans(scans_m: Sequence[FloatArray], names: Sequence[str]) -> Figure:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skipnet.geometry import nearest
 from skipnet.types import FloatArray, IntArray
 
 _MOST_OF_ONE, _MOST_MEASURED = 200_000, 400_000
@@ -14,12 +15,9 @@ _MOST_OF_ONE, _MOST_MEASURED = 200_000, 400_000
 
 def distances_m(from_m: FloatArray, to_m: FloatArray) -> FloatArray:
     """(N,) distance of each point to the nearest of others; these are thinned where very many."""
-    from scipy.spatial import cKDTree
-
     if len(to_m) > _MOST_OF_ONE:
         to_m = np.random.default_rng(0).choice(to_m, _MOST_OF_ONE, replace=False)
-    tree = cKDTree(to_m, balanced_tree=False, compact_nodes=False)
-    return tree.query(from_m, workers=-1)[0]
+    return nearest(from_m, to_m)[0]
 
 
 def residuals_m(

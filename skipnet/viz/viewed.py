@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.geometry import nearest
 from skipnet.types import FeatureClass, FloatArray, IntArray
 from skipnet.viz.colours import CURVATURE_OF_BRIGHTEST
 from skipnet.viz.views import thin_rows
@@ -74,10 +75,8 @@ def pack(
         packed["residuals"] = _bytes(scan.residuals_m[rows] / brightest_m)
     found = scan.skipmap
     if found is not None and len(found.centroids_m):
-        from scipy.spatial import cKDTree
-
-        nearest = cKDTree(found.centroids_m).query(points_m, workers=-1)[1]
-        packed |= _described(found.curvatures[nearest], found.classes[nearest])
+        voxel = nearest(points_m, found.centroids_m)[1]
+        packed |= _described(found.curvatures[voxel], found.classes[voxel])
         voxels = _placed(found.centroids_m, middle_m)
         packed["voxels"] = voxels | _described(found.curvatures, found.classes)
         features = found.classes < FeatureClass.PLANE

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from skipnet.types import FloatArray, IntArray
+from skipnet.viz.dots import DotPicture, DotView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +20,10 @@ _MOST_DOTS = 20_000
 _THINNING_CELLS = 200
 _TALLEST_IN = 10.0
 _TURNS = 8
+_COMPRESSION = 4
+"""Of 9: more takes longer than it saves."""
+_BESIDE_IN = 0.65
+"""What axes leave of a column's width to the numbers beside them."""
 
 
 _LEGEND_CHARACTERS_PER_INCH = 11
@@ -31,8 +36,8 @@ class View(NamedTuple):
     plane: tuple[int, int]
 
 
-def png_bytes(figure: Figure, dpi: int = 130, colours: int | None = None) -> bytes:
-    """The figure as a PNG file's content.
+def png_bytes(figure: Figure | DotPicture, dpi: int = 130, colours: int | None = None) -> bytes:
+    """A picture as a PNG file's content.
 
     Args:
         figure: to draw.
@@ -41,7 +46,10 @@ def png_bytes(figure: Figure, dpi: int = 130, colours: int | None = None) -> byt
             None keeps all.
     """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor="white")
+    if isinstance(figure, DotPicture):
+        figure.image(dpi).save(buffer, format="png", compress_level=_COMPRESSION)
+    else:
+        figure.savefig(buffer, format="png", dpi=dpi, facecolor="white")
     if colours is None:
         return buffer.getvalue()
     from PIL import Image
@@ -92,18 +100,10 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def views_by_columns(points_m: FloatArray, titles: Sequence[str]) -> tuple[Figure, list[View]]:
-    """A figure with a row of axes per view and a column per title, all to the scale of the points.
-
-    The clearly longer of x and y runs to the right. A far stray point does not set the scale.
-    """
-    low_m, high_m = robust_bounds_m(points_m)
-    margin_m = 0.05 * float((high_m - low_m).max()) + 1e-6
-    low_m, high_m = low_m - margin_m, high_m + margin_m
-    extent_m = high_m - low_m
-    right, other = (1, 0) if extent_m[1] > 1.1 * extent_m[0] else (0, 1)
-    planes = {"from above": (right, other), "from the side": (right, 2)}
-    heights = [float(extent_m[up] / extent_m[right]) for _, up in planes.values()]
-    width_in = min(5.5 if len(titles) > 1 else 7.5, _TALLEST_IN / sum(heights))
+    """A figure with a row of axes per view and a column per title, to the scale of the points."""
+    low_m, high_m, planes = _planes(points_m)
+    heights = [_slope(high_m - low_m, plane) for plane in planes.values()]
+    width_in = _width_in(len(titles), heights)
     figure = new_figure(max(width_in, 4.0) * len(titles), width_in * sum(heights) + 1.6)
     grid = figure.subplots(len(planes), len(titles), height_ratios=heights, squeeze=False)
     for row, (name, (right, up)) in zip(grid, planes.items(), strict=True):
@@ -114,11 +114,63 @@ def views_by_columns(points_m: FloatArray, titles: Sequence[str]) -> tuple[Figur
             axes.set(xlabel=f"{'xyz'[right]} (m)", ylabel=f"{'xyz'[up]} (m)")
             axes.grid(color="#e6e6e6", linewidth=0.6)
             axes.set_axisbelow(True)
-            if right == 1 and up == 0:
-                axes.invert_yaxis()  # still seen from above: with y to the right, x points down
+            if _runs_down(right, up):
+                axes.invert_yaxis()
     return figure, [
         View(list(row), plane) for row, plane in zip(grid, planes.values(), strict=True)
     ]
+
+
+def dots_by_columns(
+    points_m: FloatArray, columns: Mapping[str, Sequence[FloatArray]], colours: dict[str, str]
+) -> DotPicture:
+    """Clouds in the same views and to the same scale as ``views_by_columns`` has them.
+
+    Args:
+        points_m: (N, 3) what sets the scale.
+        columns: title to (N, 3) clouds.
+        colours: name of each cloud to its colour.
+    """
+    low_m, high_m, planes = _planes(points_m)
+    rows = []
+    for name, (right, up) in planes.items():
+        plane, names = [right, up], (f"{'xyz'[right]} (m)", f"{'xyz'[up]} (m)")
+        rows.append([
+            DotView(f"{title}, {name}", names, low_m[plane], high_m[plane],
+                    _runs_down(right, up), [cloud_m[:, plane] for cloud_m in clouds_m])
+            for title, clouds_m in columns.items()
+        ])  # fmt: skip
+    heights = [_slope(high_m - low_m, plane) for plane in planes.values()]
+    return DotPicture(rows, colours, _width_in(len(columns), heights) - _BESIDE_IN)
+
+
+def _planes(
+    points_m: FloatArray,
+) -> tuple[FloatArray, FloatArray, dict[str, tuple[int, int]]]:
+    """(3,) corners of what is shown, and of each view which coordinates run to the right and up.
+
+    The clearly longer of x and y runs to the right. A far stray point does not set the scale.
+    """
+    low_m, high_m = robust_bounds_m(points_m)
+    margin_m = 0.05 * float((high_m - low_m).max()) + 1e-6
+    low_m, high_m = low_m - margin_m, high_m + margin_m
+    extent_m = high_m - low_m
+    right, other = (1, 0) if extent_m[1] > 1.1 * extent_m[0] else (0, 1)
+    return low_m, high_m, {"from above": (right, other), "from the side": (right, 2)}
+
+
+def _runs_down(right: int, up: int) -> bool:
+    """Still seen from above: with y to the right, x points down."""
+    return right == 1 and up == 0
+
+
+def _slope(extent_m: FloatArray, plane: tuple[int, int]) -> float:
+    return float(extent_m[plane[1]] / extent_m[plane[0]])
+
+
+def _width_in(columns: int, heights: Sequence[float]) -> float:
+    """Of a column, so that all of it fits on a page."""
+    return min(5.5 if columns > 1 else 7.5, _TALLEST_IN / sum(heights))
 
 
 def draw_clouds(

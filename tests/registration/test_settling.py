@@ -145,16 +145,27 @@ class _CountingAligner:
     """Leaves poses as they are, with a score that falls with their shift along x."""
 
     def __init__(self):
-        self.seen = []
-        self.judge = self
+        self.seen, self.hopeless = [], []
+        self.judge, self.blind = self, 0.0
 
     def prepare(self, coarse, start, rival_total):
         self.seen.append((len(coarse), rival_total))
         total = 1 / (1 + coarse[:, 0, 3])
         return Contenders(coarse, no_refinement(coarse), coarse, Score(total, *[total] * 5))
 
+    def slid(self, aligned, rival_total, is_hopeless):
+        self.hopeless.append(is_hopeless)
+        return aligned
+
     def distinct(self, T_target_source, score):
         return np.argsort(-score.total, kind="stable")
+
+
+def test_all_candidates_slide_unless_none_is_near_being_registered():
+    aligner = _CountingAligner()
+    for nearest_m in (0.0, 1000.0):  # scores of 1 and 0.001
+        enter(Contenders.none(), _shifted(nearest_m, 2000.0), aligner)
+    assert aligner.hopeless == [False, True]
 
 
 def _shifted(*shifts_m):
@@ -176,11 +187,11 @@ def test_what_is_in_the_running_is_not_aligned_again_and_the_best_of_all_come_fi
 def test_scans_that_share_nothing_are_judged_with_all_evidence_once(monkeypatch):
     asked = []
 
-    def counting(running, aligner):
-        asked.append(len(running))
-        return settling.settle(running, aligner)
+    def counting(running, aligner, is_refused=False):
+        asked.append(is_refused)
+        return settling.settle(running, aligner, is_refused)
 
     monkeypatch.setattr(searching, "settle", counting)
     first, second = (simulate_pair("closed", seed, points=20_000).pair for seed in (9101, 9102))
     result = register(first.source_m, second.target_m)
-    assert result.status is not Status.REGISTERED and len(asked) == 1
+    assert result.status is not Status.REGISTERED and asked == [True]

@@ -9,7 +9,13 @@ from skipnet.features.primitives import find_planes
 from skipnet.geometry import make_transform, random_rotation
 from skipnet.registration.alignment.refinement import refine
 from skipnet.registration.judging.judge import Judge
-from skipnet.registration.judging.sliding import MIN_DETERMINED, holds_against, moves_freely, slide
+from skipnet.registration.judging.sliding import (
+    MIN_DETERMINED,
+    gains_much,
+    holds_against,
+    moves_freely,
+    slide,
+)
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image
 from skipnet.scans.worth import voxel_worth
@@ -116,3 +122,13 @@ def test_the_share_of_a_motion_does_not_depend_on_unit_or_frame():
 
 def test_without_matches_nothing_is_held():
     assert not holds_against(np.zeros((6, 6)), 0, 0.0)[0].any()
+
+
+def test_few_voxels_tell_whether_a_slide_gains_much(closed, open_ended):
+    off_m = 2 * VOXEL_M
+    for evidence, expected in ((closed, True), (open_ended, False)):
+        judge = Judge(evidence, evidence, *HOW)
+        assert not gains_much(np.eye(4), ALONG, judge)
+        assert gains_much(make_transform(np.eye(3), off_m * ACROSS), ACROSS, judge)
+        # Along the corridor only end walls make a place better than another.
+        assert gains_much(make_transform(np.eye(3), off_m * ALONG), ALONG, judge) == expected

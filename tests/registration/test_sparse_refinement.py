@@ -120,3 +120,19 @@ def test_a_pose_far_from_every_surface_stays_where_it_was(rings, clouds):
         fine = align(started_from(far), *clouds, SIZE_M)
         np.testing.assert_array_equal(fine.T_target_source, far)
         assert fine.matched[0] == 0
+
+
+@pytest.mark.parametrize("reach_voxels", [4.0, 1.0])
+def test_the_nearest_in_reach_are_those_of_scipy_wherever_one_asks(clouds, reach_voxels):
+    from scipy.spatial import cKDTree
+
+    _, target = clouds
+    reach_m = reach_voxels * SIZE_M
+    rng = np.random.default_rng(5)
+    near_m = rng.choice(target.points_m, 800) + rng.normal(scale=reach_m, size=(800, 3))
+    points_m = np.concatenate([near_m, rng.uniform(-1e4, 1e4, size=(200, 3))])
+    away_m, rows = cKDTree(target.points_m).query(points_m)
+    expected = np.where(away_m < reach_m, rows, -1)
+    assert 0 < (expected < 0).sum() < 900
+    np.testing.assert_array_equal(target.nearest(points_m, reach_m), expected)
+    assert (target.nearest(np.full((3, 3), 1e4), reach_m) == -1).all()

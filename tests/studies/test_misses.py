@@ -37,7 +37,7 @@ def test_a_miss_that_the_judge_would_have_seen(tmp_path):
     assert reference > 2 * answer
     assert len(miss.row) == len(HEADERS)
     assert miss.row[-1] == "not proposed"
-    titles = [axes.get_title() for axes in miss.draw().axes]
+    titles = [view.title for row in miss.draw().rows for view in row]
     assert titles[:2] == ["reference, from above", "answer, from above"]
 
 

@@ -34,17 +34,15 @@ def square():
 
 def test_before_after_draws_both_scans_and_moves_the_source(square):
     T_target_source = make_transform(np.eye(3), np.array([10.0, 0, 0]))
-    figure = pictures.draw_before_after(square, square + [10, 0, 0], T_target_source)
-    before, after = (
-        np.concatenate([line.get_xdata() for line in axes.lines]) for axes in figure.axes[:2]
-    )
+    picture = pictures.draw_before_after(square, square + [10, 0, 0], T_target_source)
+    before, after = (np.concatenate(view.clouds_m)[:, 0] for view in picture.rows[0])
     assert len(before) == len(after) == 2 * len(views.thin(square))
     assert before.min() < 0.1 and before.max() > 13.9
     assert after.min() > 9.9
     sides = ("from above", "from the side")
     titles = [f"{stage}, {view}" for view in sides for stage in ("before", "after")]
-    assert [axes.get_title() for axes in figure.axes] == titles
-    image = pixels(figure)
+    assert [view.title for row in picture.rows for view in row] == titles
+    image = pixels(picture)
     assert share_of(colours.SOURCE_COLOUR, image) > 0.001
     assert share_of(colours.TARGET_COLOUR, image) > 0.001
 

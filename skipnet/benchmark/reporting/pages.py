@@ -22,6 +22,8 @@ from skipnet.viz.views import png_bytes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from skipnet.viz.dots import DotPicture
+
 PEER_PACKAGES = ("kiss-matcher", "small_gicp")
 PNG_COLOURS = 128
 
@@ -42,7 +44,7 @@ class ReportFigure:
 
     name: str
     caption: str
-    figure: Figure
+    figure: Figure | DotPicture
     view: str = ""
     """The same in 3-D, as HTML."""
     dots: Dots | None = None

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skipnet.compiled import compiled
 from skipnet.geometry import transform_points
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.types import FloatArray
@@ -170,10 +171,21 @@ def _fit(points_m: FloatArray, direction: FloatArray, voxel_size_m: float) -> Th
 def _densest(heights_m: FloatArray, width_m: float) -> tuple[float, int]:
     """Where most of (N,) heights lie within a width: their median, and their number."""
     heights_m = np.sort(heights_m)
-    inside = np.searchsorted(heights_m, heights_m + width_m, side="right")
-    inside -= np.arange(len(heights_m))
-    first, count = int(inside.argmax()), int(inside.max())
-    return float(np.median(heights_m[first : first + count])), count
+    first, count = _most_within(heights_m, width_m)
+    low_m, high_m = heights_m[first + (count - 1) // 2], heights_m[first + count // 2]
+    return float((low_m + high_m) / 2), count
+
+
+@compiled
+def _most_within(heights_m: FloatArray, width_m: float) -> tuple[int, int]:
+    """Of (N,) ascending heights the first of the most that lie within a width, and their number."""
+    first, most, end = 0, 0, 0
+    for k in range(len(heights_m)):
+        while end < len(heights_m) and heights_m[end] <= heights_m[k] + width_m:
+            end += 1
+        if end - k > most:
+            first, most = k, end - k
+    return first, most
 
 
 def _plane_through(

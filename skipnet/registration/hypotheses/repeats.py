@@ -44,6 +44,8 @@ def from_repeats(T_target_source: FloatArray, source: Evidence, target: Evidence
     oriented = min(source.trust, target.trust) > MIN_TRUST
     there_m, there_normals = target.points_m[:VOTERS], target.normals[:VOTERS]
     axis, found = main_axis(target.normals), []
+    shape = (_BUCKETS, 3)
+    ballot = np.zeros(_BUCKETS, np.int32), np.zeros(shape, np.int32), np.zeros(shape)
     for turn_rad in TURNS_RAD:
         rotation = rotation_from_vector(turn_rad * axis) @ T_target_source[:3, :3]
         turned = rotation.astype(np.float32).T
@@ -52,6 +54,7 @@ def from_repeats(T_target_source: FloatArray, source: Evidence, target: Evidence
             (there_m, there_normals),
             CELL_VOXELS * target.voxel_size_m,
             oriented,
+            ballot,
         )
         best = np.argsort(-votes, kind="stable")[:MOST_PER_TURN]
         rotations = np.broadcast_to(rotation, (len(best), 3, 3))
@@ -74,14 +77,17 @@ def _translations(
     target: tuple[FloatArray, FloatArray],
     cell_m: float,
     oriented: bool,
+    ballot: tuple[IntArray, IntArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
     """(K, 3) mean translations of the cells that more than two pairs of voxels vote for, and (K,)
-    their votes; a voxel is a point and a normal."""
-    votes, total_m = np.zeros(_BUCKETS, np.int32), np.zeros((_BUCKETS, 3))
-    cells = np.zeros((_BUCKETS, 3), np.int32)
-    _vote(source, target, cell_m, oriented, (votes, cells, total_m))
-    rows = np.flatnonzero(votes > FEW_VOTES)
-    return total_m[rows] / votes[rows, None], votes[rows].astype(np.float64)
+    their votes; a voxel is a point and a normal. The ballot is without votes before and after."""
+    votes, _, total_m = ballot
+    _vote(source, target, cell_m, oriented, ballot)
+    used = np.flatnonzero(votes)
+    rows = used[votes[used] > FEW_VOTES]
+    means_m, counts = total_m[rows] / votes[rows, None], votes[rows].astype(np.float64)
+    votes[used], total_m[used] = 0, 0.0
+    return means_m, counts
 
 
 @compiled

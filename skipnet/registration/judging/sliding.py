@@ -7,6 +7,8 @@ nothing does.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skipnet.geometry import make_transform, rotation_from_vector
@@ -19,6 +21,8 @@ MIN_DETERMINING_VOXELS = 30.0
 """... and so is one that fewer voxels than this face."""
 STEPS_VOXELS = (np.arange(-8, 9) / 4, np.arange(-5, 6) / 20)
 """Places to try, from rough to fine."""
+GAIN_SAMPLES, MUCH_GAINED = 400, 1.3
+"""A pose gains much if so many voxels make it this many times as good."""
 FREE_STEPS_VOXELS = np.array([-3.0, 0.0, 3.0])
 """A pose that the judge likes as well this far to either side is free."""
 MIN_DROP = 0.1
@@ -97,6 +101,15 @@ def slide(T_target_source: FloatArray, direction: FloatArray, judge: Judge) -> F
         step_m = steps_voxels[good].mean() * judge.voxel_size_m
         T_target_source = _moved(T_target_source, direction, step_m[None])[0]
     return T_target_source
+
+
+def gains_much(T_target_source: FloatArray, direction: FloatArray, judge: Judge) -> bool:
+    """Whether the judge, asked about few voxels, likes a pose far better somewhere along a
+    direction; see ``slide``."""
+    few = replace(judge, samples=GAIN_SAMPLES)
+    steps_m = STEPS_VOXELS[0] * judge.voxel_size_m
+    total = few.score(_moved(T_target_source, direction, steps_m)).total
+    return bool(total.max() > MUCH_GAINED * total[STEPS_VOXELS[0] == 0].max())
 
 
 def moves_freely(
