@@ -14,8 +14,8 @@ from pathlib import Path
 
 from skipnet.networks.catalog import find_network
 from skipnet.parallel.threads import processors
-from skipnet.projects.schedule import search
-from skipnet.projects.store import PairStore
+from skipnet.projects.schedule import promise, search
+from skipnet.projects.store import PairStore, PromiseStore
 from skipnet.registration.options import RegistrationConfig
 from skipnet.scans.scan import Scan
 from skipnet.scans.store import ScanStore
@@ -34,6 +34,23 @@ class Task:
     target: str
     source: str
     outcome: str
+    is_glance: bool = False
+    """Whether only its promise is wanted."""
+
+    def is_done(self, folder: Path) -> bool:
+        """Whether the project's folder has what it gives."""
+        if self.is_glance:
+            return PromiseStore(folder / "promises").load(self.outcome) is not None
+        return PairStore(folder / "pairs").load(self.outcome) is not None
+
+    def do(self, folder: Path, config: RegistrationConfig) -> None:
+        """Search the pair, or glance at it, and leave what is found in the folder."""
+        source, target = (_scan(folder, name, config) for name in (self.source, self.target))
+        if self.is_glance:
+            found = promise(source, target, config)
+            PromiseStore(folder / "promises").save(self.outcome, found)
+        else:
+            PairStore(folder / "pairs").save(self.outcome, search(source, target, config))
 
 
 @dataclass(frozen=True)
@@ -66,12 +83,11 @@ def search_tasks(
     Raises:
         RuntimeError: a worker ended twice over some pairs; they are named, all others are kept.
     """
-    pairs = PairStore(folder / "pairs")
-    left = [task for task in tasks if pairs.load(task.outcome) is None]
+    left = [task for task in tasks if not task.is_done(folder)]
     for _ in range(TRIES):
         blocks = [left[i : i + PAIRS_PER_BLOCK] for i in range(0, len(left), PAIRS_PER_BLOCK)]
         _try_all(blocks, folder, config, workers)
-        left = [task for task in left if pairs.load(task.outcome) is None]
+        left = [task for task in left if not task.is_done(folder)]
         if not left:
             return
     names = ", ".join(f"{task.outcome}.json" for task in left[:5])
@@ -83,11 +99,9 @@ def search_tasks(
 
 def search_block(tasks: Sequence[Task], folder: Path, config: RegistrationConfig) -> None:
     """Search the pairs of one block that are not there yet."""
-    pairs = PairStore(folder / "pairs")
     for task in tasks:
-        if pairs.load(task.outcome) is None:
-            source, target = (_scan(folder, name, config) for name in (task.source, task.target))
-            pairs.save(task.outcome, search(source, target, config))
+        if not task.is_done(folder):
+            task.do(folder, config)
 
 
 @lru_cache(SCANS_AT_HAND)

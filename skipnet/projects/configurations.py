@@ -35,6 +35,8 @@ TRIES_ELSEWHERE = 4
 """Times that each scan is put elsewhere than where it stands best."""
 ABOUT_AS_GOOD = 0.8
 """Others are kept that have this share of the best merit."""
+WORTH_GOING_ON = 0.001
+"""A configuration that is better by less is no reason to go on."""
 SLACK = 0.01
 """A configuration that is worse by this share is gone on from, too."""
 
@@ -48,8 +50,9 @@ class Configuration:
     shares: dict[PairKey, float]
     """Of each pair of one group of which something agrees, which share of the surfaces."""
     against: dict[PairKey, float]
-    """Of each pair of one group that contradicts, by how many times the limit, stray voxels
-    included: where scans stand right next to none do, and few tell alike rooms apart."""
+    """Of each pair of one group that sees the same by how many times the limit it contradicts,
+    stray voxels included: where scans stand right next to none do, and few tell alike rooms
+    apart."""
 
     @property
     def merit(self) -> float:
@@ -100,24 +103,47 @@ def configurations(
     builder = Builder(_edges(proposals, standards), witness, standards)
     rng = np.random.default_rng(0)
     alone = Configuration(tuple({scan: np.eye(4)} for scan in scans), {}, {})
-    best = current = builder.build(alone, None)
-    found, idle, attempt = {_name(best): best}, 0, 0
-    while idle < PATIENCE + PATIENCE_PER_SCAN * len(scans):
-        start = alone if attempt < FRESH else _taken_apart(current, rng)
-        made = builder.build(start, rng)
+    best = builder.build(alone, None)
+    found = {_name(best): best}
+    for _ in range(FRESH):
+        made = builder.build(alone, rng)
         found.setdefault(_name(made), made)
-        if made.merit >= (1 - SLACK) * current.merit:
-            current = made
-        idle, attempt = (0 if made.merit > best.merit + 1e-3 else idle + 1), attempt + 1
-        if made.merit > best.merit:
-            best = current = made
-    for scan in scans:
-        for _ in range(TRIES_ELSEWHERE):
-            made = builder.build(_taken_apart(best, rng, scan), rng, builder.following(best, scan))
-            found.setdefault(_name(made), made)
+    while True:
+        best = _improved(max(found.values(), key=_merit), builder, rng, found)
+        for scan in scans:
+            without = builder.following(best, scan)
+            for _ in range(TRIES_ELSEWHERE):
+                made = builder.build(_taken_apart(best, rng, scan), rng, without)
+                found.setdefault(_name(made), made)
+        if max(map(_merit, found.values())) <= best.merit + WORTH_GOING_ON:
+            break
+    best = max(found.values(), key=_merit)
     least = ABOUT_AS_GOOD * best.merit
     others = [one for one in found.values() if one is not best and one.merit >= least]
     return [best, *sorted(others, key=lambda one: -one.merit)]
+
+
+def _improved(
+    best: Configuration,
+    builder: Builder,
+    rng: np.random.Generator,
+    found: dict[tuple[object, ...], Configuration],
+) -> Configuration:
+    """A configuration from which nothing better was found for long; all on the way are kept."""
+    current, idle = best, 0
+    while idle < PATIENCE + PATIENCE_PER_SCAN * sum(map(len, best.poses)):
+        made = builder.build(_taken_apart(current, rng), rng)
+        found.setdefault(_name(made), made)
+        idle = 0 if made.merit > best.merit + WORTH_GOING_ON else idle + 1
+        if made.merit >= (1 - SLACK) * current.merit:
+            current = made
+        if made.merit > best.merit:
+            best = made
+    return best
+
+
+def _merit(configuration: Configuration) -> float:
+    return configuration.merit
 
 
 class Builder:
@@ -195,7 +221,7 @@ class Builder:
             excess += beyond
             if overlap > 0:
                 shares[a, b] = overlap
-            if violation > 0:
+            if violation > 0 and overlap >= MIN_OVERLAP:
                 against[a, b] = violation / limit
         support = sum(shares.values())
         if support < MIN_SUPPORT or excess > limit * (support + LITTLE_OVERLAP):
@@ -205,7 +231,9 @@ class Builder:
 
 def _edges(proposals: Mapping[PairKey, Proposals], standards: Standards) -> Edges:
     """The proposals in which something agrees and next to nothing contradicts."""
-    ends, T, weight = [], [np.zeros((0, 4, 4))], []
+    ends: list[PairKey] = []
+    T: list[FloatArray] = [np.zeros((0, 4, 4))]
+    weight: list[float] = []
     for key, pair in sorted(proposals.items()):
         excess = np.maximum(pair.violation - STRAY_SHARE, 0.0)
         rows = (pair.overlap >= MIN_OVERLAP) & (pair.overlap <= MOST_OVERLAP)

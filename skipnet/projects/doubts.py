@@ -8,18 +8,18 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.components import components
-from skipnet.projects.exchanges import exchanged, places
-from skipnet.projects.groups import Group, Joiner, in_order
+from skipnet.projects.exchanges import places
+from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.motions import rival_split
-from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, Way, rivals
+from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
 from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
 from skipnet.types import FloatArray
 
-MOST_OF_A_BUILDING = 0.45
-"""Where much looks alike, a group with less than this share of all scans is believed only ..."""
-FIRM_WITNESSES = 3
-"""... of scans that overlap with this many others of it: where the scan that belongs there is
-missing, another may stand in its place."""
+FIRM_WITNESSES = 2
+"""Where much looks alike, a scan is believed that overlaps with so many others of its group, ..."""
+FIRM_OVERLAP = 0.3
+"""... or with one by this share, if the group has three scans or more: where the scan that belongs
+there is missing, another may stand in its place."""
 REMAINING_RIVAL = 0.5
 """In the end a second place with this share of the support leaves a scan in doubt, be it in another
 group."""
@@ -44,7 +44,7 @@ class Doubts:
     def sure_parts(self, groups: list[Group]) -> list[Group]:
         """The groups without the scans that would fit elsewhere, in parts that cannot be moved
         against each other."""
-        kept, left = [], [self._sure(group, groups) for group in groups]
+        kept, left = [], [self._sure(group) for group in groups]
         kept += [
             Group.single(s)
             for g, rest in zip(groups, left, strict=True)
@@ -55,59 +55,52 @@ class Doubts:
             group = left.pop()
             for part in components(group.scans, self._edges(group)):
                 rest = Group({scan: group.poses[scan] for scan in part})
-                split = rival_split(rest, self._joiner, self.standards) if len(part) > 1 else None
+                split = self._split(rest)
                 if split is None:
                     kept.append(rest)
                 else:
                     left += [Group({scan: rest.poses[scan] for scan in side}) for side in split]
         if not self._is_reliable:
-            least = MOST_OF_A_BUILDING * sum(len(group.poses) for group in groups)
-            kept = [part for group in kept for part in self._firm(group, least)]
+            kept = [part for group in kept for part in self._firm(group)]
         kept = [group if len(group.poses) > 1 else Group.single(group.scans[0]) for group in kept]
         return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
 
-    def _firm(self, group: Group, least: float) -> list[Group]:
-        """A group of few scans without those of which too few others say anything."""
-        if not 1 < len(group.poses) < least:
+    def _split(self, group: Group) -> tuple[list[int], list[int]] | None:
+        """Two parts that can be laid against each other in another way; where pairs are not
+        believed, the search for configurations has asked."""
+        if len(group.poses) < 2 or not self._is_reliable:
+            return None
+        return rival_split(group, self._joiner, self.standards)
+
+    def _firm(self, group: Group) -> list[Group]:
+        """A group without the scans of which too few others say too little."""
+        if len(group.poses) < 2:
             return [group]
-        edges = self._edges(group)
-        loose = [s for s in group.scans if sum(s in key for key in edges) < FIRM_WITNESSES]
-        rest = Group({s: T for s, T in group.poses.items() if s not in loose})
+        overlaps = {k: v for k, v in self._joiner.overlaps(group).items() if v >= MIN_OVERLAP}
+        shares = {s: [v for k, v in overlaps.items() if s in k] for s in group.scans}
+        loose = [
+            scan
+            for scan, agree in shares.items()
+            if len(agree) < FIRM_WITNESSES and (len(group.poses) < 3 or sum(agree) < FIRM_OVERLAP)
+        ]
         if not loose:
             return [group]
-        return [Group.single(s) for s in loose] + (self._firm(rest, least) if rest.poses else [])
+        rest = Group({s: T for s, T in group.poses.items() if s not in loose})
+        return [Group.single(s) for s in loose] + (self._firm(rest) if rest.poses else [])
 
-    def _sure(self, group: Group, groups: list[Group]) -> Group:
+    def _sure(self, group: Group) -> Group:
         """A group without the scans that would fit elsewhere."""
-        others = [g for g in groups if g is not group and len(g.poses) > 1]
-        sure = [s for s in group.scans if not self._is_torn(group, s, others)]
-        sure = [s for s in sure if not self._has_twin(group, s)]
-        if not self._is_reliable:
-            moved = exchanged(group, self._joiner, self.standards)
-            sure = [s for s in sure if s not in moved]
+        if self._is_reliable:
+            sure = [s for s in group.scans if not self._is_torn(group, s)]
+        else:
+            sure = [s for s in group.scans if not self._has_twin(group, s)]
         return Group({scan: group.poses[scan] for scan in sure})
 
-    def _is_torn(self, group: Group, scan: int, groups: list[Group]) -> bool:
+    def _is_torn(self, group: Group, scan: int) -> bool:
         if len(group.poses) < 3:
             return False
         here, others = places(group, scan, self._joiner)
-        if not self._is_reliable:
-            others += [way for g in groups for way in self._elsewhere(group, scan, g)]
         return len(rivals([here, *others], self.standards)) > 1
-
-    def _elsewhere(self, group: Group, scan: int, other: Group) -> list[Way]:
-        """Ways of a scan into another group, but for those by which both groups go together."""
-        ways = self._joiner.ways(*in_order(other, Group.single(scan)))
-        is_second = other.scans[0] < scan
-        found = []
-        for way in ways:
-            T_other_scan = way.T if is_second else invert(way.T)
-            T_group_other = group.poses[scan] @ invert(T_other_scan)
-            rest = group.without(scan)
-            said = self._joiner.witness.all_pairs(rest.poses, other.poses, T_group_other[None])
-            if said.contradiction[0] > self.standards.limit:
-                found.append(way)
-        return found
 
     def _has_twin(self, group: Group, scan: int) -> bool:
         """Whether another scan sees the same and might stand here instead of this one."""

@@ -15,9 +15,9 @@ from skipnet.projects.blocks import Task, Workers, search_tasks
 from skipnet.projects.deciding import assemble, decide
 from skipnet.projects.groups import Joiner
 from skipnet.projects.priors import Priors
-from skipnet.projects.retrieval import worth_searching
-from skipnet.projects.schedule import Outcome, cheap, costly, search
-from skipnet.projects.store import PairStore, SizeStore, digest, pair_key
+from skipnet.projects.retrieval import ALL_PAIRS, partners, worth_searching
+from skipnet.projects.schedule import Outcome, cheap, costly, promise, search
+from skipnet.projects.store import PairStore, PromiseStore, SizeStore, digest, pair_key
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig, as_config
@@ -93,6 +93,8 @@ class Project:
         """Of their files, where there is a folder."""
         self._outcomes: dict[PairKey, list[Outcome]] = {}
         self._believed: dict[PairKey, Outcome] = {}
+        self._promise_store = PromiseStore(folder and folder / "promises")
+        self._promises: dict[PairKey, float] = {}
         self.joiner: Joiner | None = None
         """What pairs proposed, once it is solved."""
 
@@ -136,7 +138,7 @@ class Project:
         with clock("skip-map"):
             self._describe()
         with clock("pairs"):
-            keys = list(combinations(range(len(self)), 2))
+            keys = self._worthwhile(list(combinations(range(len(self)), 2)), tell)
             hopeful = sorted(keys, key=lambda key: (self._priors.apart_m(key), key))
             self._search(hopeful, cheap(self._config), 0, "pairs", tell)
         witness = Witness([scan.evidence for scan in self._scans])
@@ -178,6 +180,45 @@ class Project:
             self._scans += ScanStore(self._folder / "scans").describe(*some)
         self._given.clear()
 
+    def _worthwhile(self, keys: Sequence[PairKey], tell: Progress) -> list[PairKey]:
+        """The pairs that are searched: all, or of many scans those that promise most."""
+        if len(self) <= ALL_PAIRS:
+            return list(keys)
+        config = cheap(self._config)
+        self._outsource(keys, config, "glances at pairs", tell, is_glance=True)
+        for done, key in enumerate(keys):
+            tell("glances at pairs", done, len(keys))
+            if key not in self._promises:
+                self._promises[key] = self._promised(key, config)
+        tell("glances at pairs", len(keys), len(keys))
+        return sorted(partners(self._promises, len(self)) | self._priors.linked)
+
+    def _promised(self, key: PairKey, config: RegistrationConfig) -> float:
+        """What a glance at a pair said before, or says now."""
+        name = self._pair_name(key, config)
+        known = self._promise_store.load(name)
+        if known is None:
+            known = promise(self._scans[key[1]], self._scans[key[0]], config)
+            self._promise_store.save(name, known)
+        return known
+
+    def _outsource(
+        self,
+        keys: Sequence[PairKey],
+        config: RegistrationConfig,
+        stage: str,
+        tell: Progress,
+        is_glance: bool = False,
+    ) -> None:
+        """Let other processes search pairs, if there are any, and leave what they find."""
+        if self._folder is not None and not self._workers.is_here:
+            tell(stage, 0, len(keys))
+            scan = self._scan_names
+            tasks = [
+                Task(scan[k[0]], scan[k[1]], self._pair_name(k, config), is_glance) for k in keys
+            ]
+            search_tasks(tasks, self._folder, config, self._workers)
+
     def _search(
         self,
         keys: Sequence[PairKey],
@@ -188,11 +229,7 @@ class Project:
     ) -> None:
         """Search the pairs of which less than ``position`` + 1 outcomes are known."""
         new = [key for key in keys if len(self._outcomes.setdefault(key, [])) <= position]
-        if self._folder is not None and not self._workers.is_here:
-            tell(stage, 0, len(keys))
-            scan = self._scan_names
-            tasks = [Task(scan[k[0]], scan[k[1]], self._pair_name(k, config)) for k in new]
-            search_tasks(tasks, self._folder, config, self._workers)
+        self._outsource(new, config, stage, tell)
         for done, key in enumerate(keys):
             tell(stage, done, len(keys))
             if len(self._outcomes[key]) <= position:

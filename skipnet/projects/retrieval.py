@@ -1,7 +1,8 @@
-"""Which pairs are worth a costly search: a few between groups that nothing joins yet."""
+"""Which pairs are worth a search, and a costly one: a few between groups that nothing joins yet."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
@@ -11,10 +12,29 @@ from skipnet.projects.groups import Group, Joiner, in_order
 from skipnet.projects.priors import Priors
 from skipnet.projects.ways import PairKey, rivals
 
+ALL_PAIRS = 30
+"""Of so many scans all pairs are searched; of more all are glanced at, and of each scan ..."""
+PARTNERS = 15
+"""... so many pairs searched, the most promising ones, ..."""
+NEIGHBOURS = (1, 2)
+"""... and those with the scans that came so many before and after it."""
 PAIRS_PER_JOIN = 2
 """Pairs that are searched between two groups."""
 SEARCHES_PER_SCAN = 4
 """So many costly searches are made in all, for each scan."""
+
+
+def partners(promises: Mapping[PairKey, float], scans: int) -> set[PairKey]:
+    """The pairs that are searched of so many scans that not all can be.
+
+    Of every scan those with the most promising others, and with its neighbours in the order in
+    which they came, which often is that of shooting.
+    """
+    chosen = {(scan, scan + step) for step in NEIGHBOURS for scan in range(scans - step)}
+    for scan in range(scans):
+        of_scan = sorted((-promise, key) for key, promise in promises.items() if scan in key)
+        chosen |= {key for _, key in of_scan[:PARTNERS]}
+    return chosen
 
 
 def worth_searching(decision: Decision, joiner: Joiner, priors: Priors) -> list[PairKey]:
@@ -30,7 +50,11 @@ def worth_searching(decision: Decision, joiner: Joiner, priors: Priors) -> list[
     for first, second in combinations(decision.groups, 2):
         if rivals(joiner.ways(*in_order(first, second)), STRICT):
             continue
-        across = [k for k in _across(first, second) if not priors.is_hopeless(k, reach_m)]
+        across = [
+            key
+            for key in _across(first, second)
+            if key in joiner.proposals and not priors.is_hopeless(key, reach_m)
+        ]
         ranked = sorted((-_promise(joiner, key), key) for key in across)
         chosen += ranked[:PAIRS_PER_JOIN]
     count = SEARCHES_PER_SCAN * sum(len(group.poses) for group in decision.groups)
@@ -43,7 +67,5 @@ def _across(first: Group, second: Group) -> list[PairKey]:
 
 def _promise(joiner: Joiner, key: PairKey) -> float:
     """How much agrees in the best proposal of a pair, devalued by what contradicts."""
-    if key not in joiner.proposals:
-        return 0.0
     found = joiner.proposals[key]
     return float(np.max(found.overlap * np.exp(-100 * found.violation), initial=0.0))

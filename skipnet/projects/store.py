@@ -52,6 +52,31 @@ class PairStore:
         return self._folder / f"{key}.json"
 
 
+class PromiseStore:
+    """What pairs promise at a glance, in a folder; without one nothing is kept."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def load(self, key: str) -> float | None:
+        """What was kept under a key; None where nothing was, or what is there is no number."""
+        if self._folder is None:
+            return None
+        try:
+            return float(self._file(key).read_text(encoding="ascii"))
+        except (FileNotFoundError, ValueError):
+            return None
+
+    def save(self, key: str, value: float) -> None:
+        """Keep it, with every bit."""
+        if self._folder is not None:
+            write_text(self._file(key), repr(value))
+
+    def _file(self, key: str) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{key}.txt"
+
+
 def _is_whole(outcome: object) -> bool:
     """Whether it is an outcome with poses; a folder may come from anywhere."""
     if not isinstance(outcome, Outcome) or not isinstance(outcome.result, Registration):

@@ -22,6 +22,7 @@ from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
 from skipnet.projects.configurations import Configuration, configurations
 from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
+from skipnet.projects.ways import MOST_OVERLAP
 from skipnet.projects.witness import MIN_OVERLAP, leaders
 from skipnet.types import FloatArray
 
@@ -67,7 +68,8 @@ def _true_configuration(
         if building[a] == building[b]:
             T = invert(T_world_scan[a]) @ T_world_scan[b]
             overlap, violation = joiner.witness.pair(a, b, T[None])[:, 0]
-            shares[a, b], against[a, b] = float(overlap), float(violation) / STRICT.limit
+            against[a, b] = float(violation) / STRICT.limit if overlap >= MIN_OVERLAP else 0.0
+            shares[a, b] = float(overlap) if overlap <= MOST_OVERLAP else 0.0
     linked = [key for key, share in shares.items() if share >= MIN_OVERLAP]
     parts = components(range(len(building)), linked)
     poses = tuple({scan: T_world_scan[scan] for scan in part} for part in parts)
