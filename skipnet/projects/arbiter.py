@@ -12,7 +12,7 @@ from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.configurations import Configuration, configurations
+from skipnet.projects.configurations import Configuration, configurations, first_configuration
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
@@ -85,23 +85,35 @@ class Arbiter:
         scans = list(scans)
         trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
         strict = self._strict()
-        for standards in [*trusting, strict]:
+        wary = replace(strict, most_overlap=MOST_OVERLAP)
+        for standards in [*trusting, strict, wary]:
             self._joiner.witness.hopeless = HOPELESS * standards.limit
-            if standards is strict:
-                groups = self._searched(scans, standards)
-            else:
+            if standards is strict and not self._holds(self._first(scans, strict), strict):
+                continue
+            if standards.believes_one:
                 groups = self._repaired(self._grown(scans, standards), standards)
-            reliability = self.reliability(groups, standards)
-            if reliability >= RELIABLE and not self._lies_on_another(groups):
+            else:
+                groups = self._searched(scans, standards)
+            if holds := self._holds(groups, standards):
                 break
-        doubts = Doubts(self._joiner, standards, standards.believes_one)
+        doubts = Doubts(self._joiner, standards, holds)
         sure = doubts.sure_parts(groups)
         for _ in range(MAX_ROUNDS if standards.believes_one else 0):
-            groups = self._joiner.grow(self._counted(sure), standards)
-            if [group.scans for group in groups] == [group.scans for group in sure]:
+            grown = self._joiner.grow(self._counted(sure), standards)
+            if [group.scans for group in grown] == [group.scans for group in sure]:
                 break
-            sure = doubts.sure_parts(groups)
-        return self._with_places(sure, doubts.standards, reliability)
+            sure = doubts.sure_parts(grown)
+        return self._with_places(sure, doubts.standards, self.reliability(groups, standards))
+
+    def _first(self, scans: list[int], standards: Standards) -> list[Group]:
+        """Groups at a glance."""
+        joiner = self._joiner
+        return first_configuration(scans, joiner.proposals, joiner.witness, standards).groups
+
+    def _holds(self, groups: list[Group], standards: Standards) -> bool:
+        """Whether what pairs say by themselves holds in these groups."""
+        is_reliable = self.reliability(groups, standards) >= RELIABLE
+        return is_reliable and not self._lies_on_another(groups)
 
     def _loops(self, scans: list[int]) -> int:
         """How many independent loops the registered pairs make: without, nothing confirms them."""

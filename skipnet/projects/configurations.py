@@ -16,7 +16,7 @@ import numpy as np
 from skipnet.geometry import invert, straightened
 from skipnet.projects.components import components
 from skipnet.projects.groups import SAME_VOXELS, Group, Proposals
-from skipnet.projects.ways import MIN_SUPPORT, MOST_OVERLAP, PairKey, Standards
+from skipnet.projects.ways import MIN_SUPPORT, PairKey, Standards
 from skipnet.projects.witness import LITTLE_OVERLAP, MIN_OVERLAP, STRAY_SHARE, Witness, leaders
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -37,6 +37,8 @@ ABOUT_AS_GOOD = 0.8
 """Others are kept that have this share of the best merit."""
 WORTH_GOING_ON = 0.001
 """A configuration that is better by less is no reason to go on."""
+_SAME_TURN = 0.2
+"""Axes that differ by less are about the same, as far as a name goes."""
 SLACK = 0.01
 """A configuration that is worse by this share is gone on from, too."""
 
@@ -84,6 +86,17 @@ class Edges:
     """(E,) how promising each is."""
 
 
+def first_configuration(
+    scans: Sequence[int],
+    proposals: Mapping[PairKey, Proposals],
+    witness: Witness,
+    standards: Standards,
+) -> Configuration:
+    """What joining by the most promising pairs first gives, right or wrong."""
+    builder = Builder(_edges(proposals, standards), witness, standards)
+    return builder.build(_alone(scans), None)
+
+
 def configurations(
     scans: Sequence[int],
     proposals: Mapping[PairKey, Proposals],
@@ -102,19 +115,19 @@ def configurations(
     """
     builder = Builder(_edges(proposals, standards), witness, standards)
     rng = np.random.default_rng(0)
-    alone = Configuration(tuple({scan: np.eye(4)} for scan in scans), {}, {})
+    alone = _alone(scans)
     best = builder.build(alone, None)
-    found = {_name(best): best}
+    found = {_name(best, witness): best}
     for _ in range(FRESH):
         made = builder.build(alone, rng)
-        found.setdefault(_name(made), made)
+        found.setdefault(_name(made, builder.witness), made)
     while True:
         best = _improved(max(found.values(), key=_merit), builder, rng, found)
         for scan in scans:
             without = builder.following(best, scan)
             for _ in range(TRIES_ELSEWHERE):
                 made = builder.build(_taken_apart(best, rng, scan), rng, without)
-                found.setdefault(_name(made), made)
+                found.setdefault(_name(made, builder.witness), made)
         if max(map(_merit, found.values())) <= best.merit + WORTH_GOING_ON:
             break
     best = max(found.values(), key=_merit)
@@ -127,19 +140,24 @@ def _improved(
     best: Configuration,
     builder: Builder,
     rng: np.random.Generator,
-    found: dict[tuple[object, ...], Configuration],
+    found: dict[bytes, Configuration],
 ) -> Configuration:
     """A configuration from which nothing better was found for long; all on the way are kept."""
     current, idle = best, 0
     while idle < PATIENCE + PATIENCE_PER_SCAN * sum(map(len, best.poses)):
         made = builder.build(_taken_apart(current, rng), rng)
-        found.setdefault(_name(made), made)
+        found.setdefault(_name(made, builder.witness), made)
         idle = 0 if made.merit > best.merit + WORTH_GOING_ON else idle + 1
         if made.merit >= (1 - SLACK) * current.merit:
             current = made
         if made.merit > best.merit:
             best = made
     return best
+
+
+def _alone(scans: Sequence[int]) -> Configuration:
+    """No two scans joined."""
+    return Configuration(tuple({scan: np.eye(4)} for scan in scans), {}, {})
 
 
 def _merit(configuration: Configuration) -> float:
@@ -151,12 +169,12 @@ class Builder:
 
     def __init__(self, edges: Edges, witness: Witness, standards: Standards) -> None:
         self._edges = edges
-        self._witness = witness
+        self.witness = witness
         self._standards = standards
 
     def following(self, configuration: Configuration, scan: int) -> BoolArray:
         """(E,) the edges that put a scan where a configuration has it."""
-        ends, witness = self._edges.ends, self._witness
+        ends, witness = self._edges.ends, self.witness
         result = np.zeros(len(ends), dtype=bool)
         poses = next(one for one in configuration.poses if scan in one)
         for row in np.flatnonzero((ends == scan).any(axis=1)):
@@ -213,10 +231,10 @@ class Builder:
         T = first[target] @ self._edges.T_target_source[row] @ invert(second[source])
         moved = {scan: straightened(T @ pose) for scan, pose in second.items()}
         shares, against, excess, limit = {}, {}, 0.0, self._standards.limit
-        for a, b, T_a_b in self._witness.meeting(first, moved):
-            overlap, violation = self._witness.about(a, b, T_a_b)
+        for a, b, T_a_b in self.witness.meeting(first, moved):
+            overlap, violation = self.witness.about(a, b, T_a_b)
             beyond = max(violation - STRAY_SHARE, 0.0)
-            if beyond > limit or overlap > MOST_OVERLAP:
+            if beyond > limit or overlap > self._standards.most_overlap:
                 return None
             excess += beyond
             if overlap > 0:
@@ -236,7 +254,7 @@ def _edges(proposals: Mapping[PairKey, Proposals], standards: Standards) -> Edge
     weight: list[float] = []
     for key, pair in sorted(proposals.items()):
         excess = np.maximum(pair.violation - STRAY_SHARE, 0.0)
-        rows = (pair.overlap >= MIN_OVERLAP) & (pair.overlap <= MOST_OVERLAP)
+        rows = (pair.overlap >= MIN_OVERLAP) & (pair.overlap <= standards.most_overlap)
         rows &= excess <= standards.limit
         ends += [key] * int(rows.sum())
         T.append(pair.T_target_source[rows])
@@ -275,7 +293,16 @@ def _taken_apart(
     return Configuration(tuple(parts), kept(configuration.shares), kept(configuration.against))
 
 
-def _name(configuration: Configuration) -> tuple[object, ...]:
-    """The same for configurations that hardly differ."""
-    groups = tuple(sorted(tuple(sorted(one)) for one in configuration.poses))
-    return groups, tuple(sorted((k, round(s, 1)) for k, s in configuration.shares.items()))
+def _name(configuration: Configuration, witness: Witness) -> bytes:
+    """The same for configurations that hardly differ, for most of them."""
+    name = []
+    for poses in sorted(configuration.poses, key=min):
+        scans = sorted(poses)
+        first = invert(poses[scans[0]])
+        for scan in scans:
+            T = first @ poses[scan]
+            moved_m = T[:3, :3] @ witness.centres_m[scan] + T[:3, 3]
+            steps = moved_m / (SAME_VOXELS * witness.voxel_size_m), T[:3, :2].ravel() / _SAME_TURN
+            name += [scan, *np.concatenate(steps).round().astype(int).tolist()]
+        name.append(-1)
+    return np.array(name, dtype=np.int32).tobytes()

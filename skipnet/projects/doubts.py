@@ -9,7 +9,7 @@ import numpy as np
 from skipnet.geometry import invert
 from skipnet.projects.components import components
 from skipnet.projects.exchanges import places
-from skipnet.projects.groups import Group, Joiner
+from skipnet.projects.groups import MIN_UNTRUSTED_SUPPORT, Group, Joiner
 from skipnet.projects.motions import rival_split
 from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
 from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
@@ -28,17 +28,18 @@ group."""
 class Doubts:
     """Looks groups over once they have grown."""
 
-    def __init__(self, joiner: Joiner, standards: Standards, is_reliable: bool) -> None:
+    def __init__(self, joiner: Joiner, standards: Standards, holds: bool) -> None:
         """Prepare to look.
 
         Args:
             joiner: knows what pairs proposed.
             standards: by which the groups grew.
-            is_reliable: whether pairs can be believed by themselves; else more counts as a rival.
+            holds: whether what pairs say by themselves holds; where it does not, a scan is believed
+                only if others of its group say so, and no twin might stand in its place.
         """
         self._joiner = joiner
-        self._is_reliable = is_reliable
-        least = standards.rival_support if is_reliable else REMAINING_RIVAL
+        self._holds = holds
+        least = standards.rival_support if standards.believes_one else REMAINING_RIVAL
         self.standards = replace(standards, rival_support=least)
 
     def sure_parts(self, groups: list[Group]) -> list[Group]:
@@ -60,7 +61,7 @@ class Doubts:
                     kept.append(rest)
                 else:
                     left += [Group({scan: rest.poses[scan] for scan in side}) for side in split]
-        if not self._is_reliable:
+        if not self.standards.believes_one:
             kept = [part for group in kept for part in self._firm(group)]
         kept = [group if len(group.poses) > 1 else Group.single(group.scans[0]) for group in kept]
         return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
@@ -68,7 +69,7 @@ class Doubts:
     def _split(self, group: Group) -> tuple[list[int], list[int]] | None:
         """Two parts that can be laid against each other in another way; where pairs are not
         believed, the search for configurations has asked."""
-        if len(group.poses) < 2 or not self._is_reliable:
+        if len(group.poses) < 2 or not self.standards.believes_one:
             return None
         return rival_split(group, self._joiner, self.standards)
 
@@ -81,19 +82,35 @@ class Doubts:
         loose = [
             scan
             for scan, agree in shares.items()
-            if len(agree) < FIRM_WITNESSES and (len(group.poses) < 3 or sum(agree) < FIRM_OVERLAP)
+            if not self._is_firm(agree, len(group.poses))
+            and not (self._holds and self._is_registered(group, scan))
         ]
         if not loose:
             return [group]
         rest = Group({s: T for s, T in group.poses.items() if s not in loose})
         return [Group.single(s) for s in loose] + (self._firm(rest) if rest.poses else [])
 
+    @staticmethod
+    def _is_firm(agree: list[float], size: int) -> bool:
+        """Whether others of a group of this size say enough of a scan, by what agrees with each."""
+        if len(agree) >= FIRM_WITNESSES:
+            return sum(agree) >= MIN_UNTRUSTED_SUPPORT
+        return size >= 3 and sum(agree) >= FIRM_OVERLAP
+
+    def _is_registered(self, group: Group, scan: int) -> bool:
+        """Whether a pair that registered by itself puts a scan where it is."""
+        return any(
+            self._joiner.proposals[key].confidence > 0 and self._joiner.proposed(group, key)[0]
+            for key in self._joiner.voters(group, scan)
+        )
+
     def _sure(self, group: Group) -> Group:
         """A group without the scans that would fit elsewhere."""
-        if self._is_reliable:
-            sure = [s for s in group.scans if not self._is_torn(group, s)]
-        else:
-            sure = [s for s in group.scans if not self._has_twin(group, s)]
+        sure = group.scans
+        if self.standards.believes_one:
+            sure = [s for s in sure if not self._is_torn(group, s)]
+        elif not self._holds:
+            sure = [s for s in sure if not self._has_twin(group, s)]
         return Group({scan: group.poses[scan] for scan in sure})
 
     def _is_torn(self, group: Group, scan: int) -> bool:

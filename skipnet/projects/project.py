@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 
 from skipnet.checks import as_path, check_seed, require
 from skipnet.networks.catalog import find_network
 from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly
-from skipnet.projects.blocks import Task, Workers, search_tasks
+from skipnet.projects.blocks import Workers
 from skipnet.projects.deciding import assemble, decide
 from skipnet.projects.groups import Joiner
 from skipnet.projects.priors import Priors
-from skipnet.projects.retrieval import ALL_PAIRS, partners, worth_searching
-from skipnet.projects.schedule import Outcome, cheap, costly, promise, search
-from skipnet.projects.store import PairStore, PromiseStore, SizeStore, digest, pair_key
+from skipnet.projects.retrieval import worth_searching
+from skipnet.projects.schedule import cheap, costly
+from skipnet.projects.searches import Progress, Searches
+from skipnet.projects.store import SizeStore, digest
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.pipeline import clean
-from skipnet.registration.prior import Prior
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.describing import describe
 from skipnet.scans.given import ScanLike, opened, taken
 from skipnet.scans.scan import Scan, Viewpoint
 from skipnet.scans.store import ScanStore, scan_key
 from skipnet.skipmap.tree import Points, check_voxel_size
-
-Progress = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and how much there is."""
 
 
 class Project:
@@ -83,7 +79,6 @@ class Project:
         self._seed = seed
         self._config = as_config(config)
         self._folder = folder
-        self._store = PairStore(folder and folder / "pairs")
         self._given: list[tuple[Points, Viewpoint]] = []  # until they are described
         self._originals: list[ScanLike] = []
         """What was added; a path stays a path."""
@@ -91,10 +86,9 @@ class Project:
         self._scans: list[Scan] = []
         self._scan_names: list[str] = []
         """Of their files, where there is a folder."""
-        self._outcomes: dict[PairKey, list[Outcome]] = {}
-        self._believed: dict[PairKey, Outcome] = {}
-        self._promise_store = PromiseStore(folder and folder / "promises")
-        self._promises: dict[PairKey, float] = {}
+        self._searches = Searches(
+            folder, seed, self._workers, self._scans, self._scan_names, self._digests
+        )
         self.joiner: Joiner | None = None
         """What pairs proposed, once it is solved."""
 
@@ -138,26 +132,27 @@ class Project:
         with clock("skip-map"):
             self._describe()
         with clock("pairs"):
-            keys = self._worthwhile(list(combinations(range(len(self)), 2)), tell)
+            keys = self._searches.worthwhile(self._priors, cheap(self._config), tell)
             hopeful = sorted(keys, key=lambda key: (self._priors.apart_m(key), key))
-            self._search(hopeful, cheap(self._config), 0, "pairs", tell)
+            self._searches.search(hopeful, cheap(self._config), 0, "pairs", tell)
         witness = Witness([scan.evidence for scan in self._scans])
         more = costly(self._config)
         chosen = sorted(self._priors.linked) if more is not None else []
         with clock("pairs"):
-            self._search_believed(witness, tell)
+            guesses = self._priors.guesses(2 * max(witness.reach_m))
+            self._searches.search_about(guesses, cheap(self._config), tell)
             if more is not None:
-                self._search(chosen, more, 1, "pairs said to overlap", tell)
+                self._searches.search(chosen, more, 1, "pairs said to overlap", tell)
         with clock("groups"):
             joiner, decision = self._decide(keys, witness, chosen)
         if more is not None and len(decision.groups) > 1:
             with clock("pairs"):
                 chosen = sorted({*chosen, *worth_searching(decision, joiner, self._priors)})
-                self._search(chosen, more, 1, "pairs between groups", tell)
+                self._searches.search(chosen, more, 1, "pairs between groups", tell)
             with clock("groups"):
                 joiner, decision = self._decide(keys, witness, chosen)
         with clock("pose graph"):
-            used = {key: self._known(key, 2) for key in keys}
+            used = {key: self._searches.known(key, 2) for key in keys}
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
         return replace(result, given=tuple(self._originals), described=tuple(self._scans))
 
@@ -180,95 +175,6 @@ class Project:
             self._scans += ScanStore(self._folder / "scans").describe(*some)
         self._given.clear()
 
-    def _worthwhile(self, keys: Sequence[PairKey], tell: Progress) -> list[PairKey]:
-        """The pairs that are searched: all, or of many scans those that promise most."""
-        if len(self) <= ALL_PAIRS:
-            return list(keys)
-        config = cheap(self._config)
-        self._outsource(keys, config, "glances at pairs", tell, is_glance=True)
-        for done, key in enumerate(keys):
-            tell("glances at pairs", done, len(keys))
-            if key not in self._promises:
-                self._promises[key] = self._promised(key, config)
-        tell("glances at pairs", len(keys), len(keys))
-        return sorted(partners(self._promises, len(self)) | self._priors.linked)
-
-    def _promised(self, key: PairKey, config: RegistrationConfig) -> float:
-        """What a glance at a pair said before, or says now."""
-        name = self._pair_name(key, config)
-        known = self._promise_store.load(name)
-        if known is None:
-            known = promise(self._scans[key[1]], self._scans[key[0]], config)
-            self._promise_store.save(name, known)
-        return known
-
-    def _outsource(
-        self,
-        keys: Sequence[PairKey],
-        config: RegistrationConfig,
-        stage: str,
-        tell: Progress,
-        is_glance: bool = False,
-    ) -> None:
-        """Let other processes search pairs, if there are any, and leave what they find."""
-        if self._folder is not None and not self._workers.is_here:
-            tell(stage, 0, len(keys))
-            scan = self._scan_names
-            tasks = [
-                Task(scan[k[0]], scan[k[1]], self._pair_name(k, config), is_glance) for k in keys
-            ]
-            search_tasks(tasks, self._folder, config, self._workers)
-
-    def _search(
-        self,
-        keys: Sequence[PairKey],
-        config: RegistrationConfig,
-        position: int,
-        stage: str,
-        tell: Progress,
-    ) -> None:
-        """Search the pairs of which less than ``position`` + 1 outcomes are known."""
-        new = [key for key in keys if len(self._outcomes.setdefault(key, [])) <= position]
-        self._outsource(new, config, stage, tell)
-        for done, key in enumerate(keys):
-            tell(stage, done, len(keys))
-            if len(self._outcomes[key]) <= position:
-                self._outcomes[key].append(self._found(key, config))
-        tell(stage, len(keys), len(keys))
-
-    def _search_believed(self, witness: Witness, tell: Progress) -> None:
-        """Search the pairs of which a pose is believed about that pose."""
-        config = cheap(self._config)
-        guesses = self._priors.guesses(2 * max(witness.reach_m))
-        for done, (key, prior) in enumerate(guesses.items()):
-            tell("poses that are believed", done, len(guesses))
-            if key not in self._believed:
-                self._believed[key] = self._found(key, config, prior)
-
-    def _found(
-        self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
-    ) -> Outcome:
-        """What searching a pair found before, or finds now."""
-        name = self._pair_name(key, config, prior)
-        outcome = self._store.load(name)
-        if outcome is None:
-            outcome = search(self._scans[key[1]], self._scans[key[0]], config, prior)
-            self._store.save(name, outcome)
-        return outcome
-
-    def _known(self, key: PairKey, count: int) -> list[Outcome]:
-        """Of a pair the first outcomes, and that of the search about a believed pose."""
-        about = [self._believed[key]] if key in self._believed else []
-        return self._outcomes[key][:count] + about
-
-    def _pair_name(
-        self, key: PairKey, config: RegistrationConfig, prior: Prior | None = None
-    ) -> str:
-        """Of the file of a search."""
-        assert self.voxel_size_m is not None
-        target, source = (self._digests[scan] for scan in key)
-        return pair_key((target, source), self.voxel_size_m, self._seed, config, prior)
-
     def _decide(
         self, keys: Sequence[PairKey], witness: Witness, more: Sequence[PairKey]
     ) -> tuple[Joiner, Decision]:
@@ -277,6 +183,6 @@ class Project:
         What earlier calls searched more stays out: the same scans give the same result, whether
         they came at once or one by one.
         """
-        some = {key: self._known(key, 2 if key in set(more) else 1) for key in keys}
+        some = {key: self._searches.known(key, 2 if key in set(more) else 1) for key in keys}
         self.joiner, decision = decide(some, self._scans, witness)
         return self.joiner, decision

@@ -11,6 +11,7 @@ list them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -22,12 +23,13 @@ from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
 from skipnet.projects.configurations import Configuration, configurations
 from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
-from skipnet.projects.ways import MOST_OVERLAP
+from skipnet.projects.ways import MOST_OVERLAP, PairKey
 from skipnet.projects.witness import MIN_OVERLAP, leaders
 from skipnet.types import FloatArray
 
 LEAST_SHARE = 0.15
 """Of both scans' surfaces, summed over all others that can be decided."""
+WARY = replace(STRICT, most_overlap=MOST_OVERLAP)
 AS_WELL = 0.5
 """Another place that explains this much of what the true one does is as good."""
 
@@ -42,15 +44,15 @@ def decidable(
         T_world_scan: (4, 4) true pose of each scan's own frame in its building's.
         building: of each scan.
     """
-    truth = _true_configuration(joiner, T_world_scan, building)
+    overlaps, truth = _true_configuration(joiner, T_world_scan, building)
     groups = truth.groups
-    found = configurations(range(len(building)), joiner.proposals, joiner.witness, STRICT)
+    found = configurations(range(len(building)), joiner.proposals, joiner.witness, WARY)
     part = numbered(common_parts(truth, found, joiner))
     left = {scan for group in groups for scan in group.scans if not _is_torn(joiner, groups, scan)}
     while True:
         within = {scan: 0.0 for scan in left}
-        for (a, b), share in truth.shares.items():
-            if share >= MIN_OVERLAP and a in left and b in left and part[a] == part[b]:
+        for (a, b), share in overlaps.items():
+            if a in left and b in left and part[a] == part[b]:
                 within[a] += share
                 within[b] += share
         loose = {scan for scan, share in within.items() if share < LEAST_SHARE}
@@ -61,21 +63,23 @@ def decidable(
 
 def _true_configuration(
     joiner: Joiner, T_world_scan: Sequence[FloatArray], building: Sequence[int]
-) -> Configuration:
-    """All scans where they are, those together that hang together."""
-    shares, against = {}, {}
+) -> tuple[dict[PairKey, float], Configuration]:
+    """What agrees, and all scans where they are, those together that hang together.
+
+    As in the search, two scans that see the same say nothing: they may be of two rooms as well.
+    """
+    overlaps, against = {}, {}
     for a, b in combinations(range(len(building)), 2):
         if building[a] == building[b]:
             T = invert(T_world_scan[a]) @ T_world_scan[b]
             overlap, violation = joiner.witness.pair(a, b, T[None])[:, 0]
-            against[a, b] = float(violation) / STRICT.limit if overlap >= MIN_OVERLAP else 0.0
-            shares[a, b] = float(overlap) if overlap <= MOST_OVERLAP else 0.0
-    linked = [key for key, share in shares.items() if share >= MIN_OVERLAP]
-    parts = components(range(len(building)), linked)
+            if overlap >= MIN_OVERLAP:
+                overlaps[a, b] = float(overlap)
+                against[a, b] = float(violation) / STRICT.limit
+    parts = components(range(len(building)), overlaps)
     poses = tuple({scan: T_world_scan[scan] for scan in part} for part in parts)
-    number = numbered(parts)
-    inside = [key for key in shares if number[key[0]] == number[key[1]]]
-    return Configuration(poses, {k: shares[k] for k in inside}, {k: against[k] for k in inside})
+    shares = {key: share for key, share in overlaps.items() if share <= MOST_OVERLAP}
+    return overlaps, Configuration(poses, shares, against)
 
 
 def _is_torn(joiner: Joiner, groups: Sequence[Group], scan: int) -> bool:

@@ -11,7 +11,7 @@ import pytest
 
 import skipnet
 from skipnet.geometry import invert, make_transform, pose_error, random_rotation, transform_points
-from skipnet.projects import project as projects
+from skipnet.projects import searches
 from skipnet.projects.assembly import Word
 from skipnet.results.project import poses_json, scans_page
 from skipnet.simulation.scanning.floors import simulate_floor
@@ -138,13 +138,13 @@ def test_a_run_that_was_ended_goes_on_and_gives_the_same(scans, tmp_path, monkey
 def counted(monkeypatch):
     """The searches that are made from here on."""
     asked = []
-    search = projects.search
+    search = searches.search
 
     def counting(source, target, config, prior):
         asked.append((source, target))
         return search(source, target, config, prior)
 
-    monkeypatch.setattr(projects, "search", counting)
+    monkeypatch.setattr(searches, "search", counting)
     return asked
 
 
