@@ -12,7 +12,7 @@ from skipnet.projects.configurations import Configuration
 from skipnet.projects.groups import SAME_VOXELS, Group, Joiner
 from skipnet.projects.witness import leaders
 
-WORTH_A_DOUBT = 0.4
+WORTH_A_DOUBT = 0.3
 """Another configuration counts in which less is lost than this share of what agrees between scans
 that lie to each other otherwise in it."""
 

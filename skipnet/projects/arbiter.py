@@ -12,10 +12,11 @@ from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.configurations import Configuration, configurations, first_configuration
+from skipnet.projects.configurations import Configuration
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
+from skipnet.projects.orders import configurations, first_configuration
 from skipnet.projects.tightening import Settle, tightened
 from skipnet.projects.ways import MOST_OVERLAP, Standards, rivals
 from skipnet.types import FloatArray

@@ -21,8 +21,9 @@ from skipnet.projects.alternatives import common_parts
 from skipnet.projects.arbiter import STRICT
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.configurations import Configuration, configurations
+from skipnet.projects.configurations import Configuration
 from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
+from skipnet.projects.orders import configurations
 from skipnet.projects.ways import MOST_OVERLAP, PairKey
 from skipnet.projects.witness import MIN_OVERLAP, leaders
 from skipnet.types import FloatArray

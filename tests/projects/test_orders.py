@@ -8,8 +8,9 @@ from test_groups import STRICT, Plan, near
 
 from skipnet.geometry import invert, make_transform, pose_error
 from skipnet.projects.alternatives import common_parts
-from skipnet.projects.configurations import Configuration, configurations
+from skipnet.projects.configurations import Configuration
 from skipnet.projects.groups import Joiner
+from skipnet.projects.orders import configurations
 
 ASIDE = make_transform(np.eye(3), np.array([0.0, 9.0, 0.0]))
 
