@@ -55,7 +55,7 @@ class VigilanceConfig(SimulatedStudyConfig):
 
 @dataclass
 class AccuracyConfig(SimulatedStudyConfig):
-    """How near does fine alignment come to the bound?"""
+    """How near does fine alignment come to the bound, and is the truth where it says?"""
 
     pairs: int = 20
     """Of each family."""
