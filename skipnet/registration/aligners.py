@@ -35,15 +35,15 @@ MAX_STEPS = 5
 
 LATTICE_DOUBT = 90.0
 """Where points lie on a lattice the steps of all surfaces err together: by this, times the cube of
-its edge in fine voxels, is the covariance larger. Chosen on 180 simulated pairs rounded to 10 to
-100 mm."""
+its edge in fine voxels, is the covariance larger. Chosen on some 200 simulated pairs rounded to
+10 to 100 mm."""
 HELD_DOUBT = 20.0
 """Where few voxels hold a pose their errors do not average out either: by this over the voxels that
 hold its weakest motion is the covariance larger. Chosen on 34 simulated doorways and 25 views of
 little overlap."""
 SPARSE_DOUBT = 2.5
 """Times that the covariance of sparse scans is larger: across the direction that arcs of floors
-hold the errors have heavy tails. Chosen on 180 simulated pairs of 16 lines."""
+hold the errors have heavy tails. Chosen on some 200 simulated pairs of 16 lines."""
 
 Aligner = Union["DenseAligner", "SparseAligner"]
 
