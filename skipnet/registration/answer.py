@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skipnet.geometry import transform_points
 from skipnet.registration.findings import Findings
 from skipnet.registration.verdict import Verdict, decide
 from skipnet.types import FloatArray, Status
@@ -37,20 +38,24 @@ class Answer:
         """(4, 4) the best pose as it was proposed."""
         return self.coarse[0] if len(self.coarse) else np.eye(4)
 
-    def mapped(self, change: Callable[[FloatArray], FloatArray], rotation: FloatArray) -> Answer:
+    def mapped(self, change: Callable[[FloatArray], FloatArray], T_new_old: FloatArray) -> Answer:
         """The same answer between other frames.
 
         Args:
             change: maps (..., 4, 4) poses to those between the new frames.
-            rotation: (3, 3) from the old target frame to the new one.
+            T_new_old: (4, 4) from the old target frame to the new one.
         """
         poses = [change(T) for T in (self.coarse, self.finalists, self.T_target_source)]
         if self.findings is None:
             return Answer(poses[0], poses[1], poses[2], self.verdict, None)
+        rotation = T_new_old[:3, :3]
         both = np.kron(np.eye(2), rotation)
         findings = replace(
             self.findings,
             covariance=both @ self.findings.covariance @ both.T,
+            covariance_centre_m=transform_points(
+                T_new_old, self.findings.covariance_centre_m[None]
+            )[0],
             free_directions=self.findings.free_directions @ rotation.T,
             free_turns=self.findings.free_turns @ rotation.T,
             alternatives=change(self.findings.alternatives),

@@ -83,7 +83,7 @@ def find_out(
     rivals = _rivals(judge, fine, T_target_source, score, kept)
     directions = _free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
-    no_turns = np.zeros((0, 3))
+    no_turns, held = np.zeros((0, 3)), held_voxels(best, 0)
     # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
     asks_turns = not (len(directions) or aligner.is_sparse)
     return Findings(
@@ -96,12 +96,13 @@ def find_out(
         seen_again=seen_again(judge, T_best),
         riding_worth=judge.riding_worth,
         matched=int(best.matched[0]),
-        held_voxels=held_voxels(best, 0),
+        held_voxels=held,
         is_sparse=aligner.is_sparse,
         odd_share=0.0 if in_doubt else aligner.odd_share(T_best),
         is_mirrored=not in_doubt and aligner.is_mirrored(T_best),
         blind=judge.blind,
-        covariance=best.covariance[0],
+        covariance=aligner.doubt(held) * best.covariance[0],
+        covariance_centre_m=best.centre_m[0],
         free_directions=directions,
         free_turns=_free_turns(judge, best) if asks_turns else no_turns,
         alternatives=rivals.alternatives,

@@ -50,6 +50,7 @@ class Findings:
         "position_std_m",
         "rotation_std_rad",
         "covariance",
+        "covariance_centre_m",
         "blind",
         "free_directions",
         "free_turns",
@@ -89,8 +90,10 @@ class Findings:
     blind: float
     """Share of the two scans whose viewpoint is unknown: they contradict nothing."""
     covariance: FloatArray
-    """(6, 6) of the pose as the matched surfaces' scatter predicts it: rotation (rad) about their
-    centre, then translation (m), in the target's axes."""
+    """(6, 6) of the pose: rotation (rad) about the matched surfaces' centre, then how far this is
+    off (m), in the target's axes."""
+    covariance_centre_m: FloatArray
+    """(3,) that centre, in the target's frame."""
     free_directions: FloatArray
     """(F, 3) unit directions in the target's frame along which the data let the pose slide."""
     free_turns: FloatArray
@@ -144,6 +147,7 @@ class Findings:
             self.position_std_m,
             self.rotation_std_rad,
             self.covariance.tolist(),
+            self.covariance_centre_m.tolist(),
             self.blind,
             self.free_directions.tolist(),
             self.free_turns.tolist(),

@@ -108,10 +108,10 @@ def register_with_finalists(
     guesses = _guesses(prior, source, target)
     answer = search(moving, fixed, config, clock, guesses if moving is source else invert(guesses))
     if moving is not source:
-        answer = answer.mapped(invert, answer.T_target_source[:3, :3].T)
+        answer = answer.mapped(invert, invert(answer.T_target_source))
     answer = answer.mapped(
         lambda T_own: target.T_given_own @ T_own @ invert(source.T_given_own),
-        target.T_given_own[:3, :3],
+        target.T_given_own,
     )
     check = None
     if prior is not None:

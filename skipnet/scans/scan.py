@@ -16,6 +16,7 @@ from skipnet.geometry import transform_points
 from skipnet.networks.describing import Keypoints, classify_voxels, describe_keypoints
 from skipnet.networks.model import Model
 from skipnet.scans.evidence import Evidence
+from skipnet.scans.lattice import lattice_step_m
 from skipnet.scans.record import Record
 from skipnet.scans.sparse import Thinned, thin
 from skipnet.scans.worth import voxel_worth
@@ -143,6 +144,11 @@ class Scan:
     def is_sparse(self) -> bool:
         """Whether too few points lie on surfaces that the finest level resolves."""
         return self.fine_skipmap.counts.sum() < MIN_RESOLVED * self.fine_tree.moments.count.sum()
+
+    @cached_property
+    def lattice_step_m(self) -> float:
+        """Edge of the lattice to which its points were rounded; 0 where they were not."""
+        return lattice_step_m(self.fine_tree, self.T_given_own)
 
     @cached_property
     def thinned(self) -> Thinned:

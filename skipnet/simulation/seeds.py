@@ -76,6 +76,7 @@ SPEED = SeedRange("speed", 110_000, 1000)
 OVERLAP = SeedRange("overlap", 120_000, 1000, tries=12)
 VIGILANCE = SeedRange("vigilance", 140_000, 1000)
 VIGILANCE_APART = SeedRange("vigilance, scans that share nothing", 141_000, 9000)
+VIGILANCE_ALIKE = SeedRange("vigilance, what is alike", 190_000, 9000)
 ACCURACY = SeedRange("accuracy", 150_000, 1000)
 PROJECTS = SeedRange("projects", 160_000, 10_000)
 """Many scans of one site."""
@@ -88,7 +89,7 @@ RANGES = (
     *(DEEP_VALIDATION, DEEP_TEST, DEEP_TRAINING),
     *(CALIBRATION, TUNING),
     *(BENCHMARK, SPEED, OVERLAP, VIGILANCE, VIGILANCE_APART, ACCURACY, PROJECTS, DEMO),
-    INVARIANTS,
+    *(INVARIANTS, VIGILANCE_ALIKE),
 )
 """All of them; a test holds that no two share a seed."""
 FIRST_MEASURED = 100_000

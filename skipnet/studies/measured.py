@@ -113,7 +113,7 @@ BLOCKS = (
     ),
     Block(
         "vigilance",
-        "study vigilance pairs=20 negatives=80",
+        "study vigilance pairs=20 negatives=80 alike=0",
         ("What came back",),
         "pairs=1 negatives=2",
     ),

@@ -42,16 +42,20 @@ class VigilanceConfig(SimulatedStudyConfig):
     """Pairs of scans of each kind of scene with one right answer; of those without, a fifth."""
     negatives: int = 500
     """Pairs of scans that share nothing, half of them from one shell."""
+    alike: int = 500
+    """Pairs of ten kinds that are alike and not the same: one shell with other furniture,
+    two specimens of a kind, mirror images."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.pairs >= 1, "pairs", self.pairs, "1 or more")
+        require(self.pairs >= 0, "pairs", self.pairs, "0 or more")
+        require(self.alike >= 0, "alike", self.alike, "0 or more")
         require(self.negatives >= 0, "negatives", self.negatives, "0 or more")
 
 
 @dataclass
 class AccuracyConfig(SimulatedStudyConfig):
-    """How near does fine alignment come to the bound?"""
+    """How near does fine alignment come to the bound, and is the truth where it says?"""
 
     pairs: int = 20
     """Of each family."""

@@ -1,9 +1,9 @@
 """Is the judge ever fooled? ``skipnet study vigilance``.
 
 Registers pairs of simulated families, pairs of scans that share nothing (half of them from one
-shell, with other furniture and openings), and scenes that leave the answer open; counts who was
-right, what came back registered, and how far confidences are from the shares that are right. The
-scenes are those of no fit.
+shell, with other furniture and openings), pairs that are alike and not the same, and scenes that
+leave the answer open; counts who was right, what came back registered, and how far confidences are
+from the shares that are right. The scenes are those of no fit.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from skipnet.metrics.calibration import expected_calibration_error
 from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.degrading import add_passers_by
 from skipnet.simulation.scanning.pairs import simulate_pair
-from skipnet.simulation.seeds import VIGILANCE, VIGILANCE_APART
+from skipnet.simulation.seeds import VIGILANCE, VIGILANCE_ALIKE, VIGILANCE_APART
+from skipnet.simulation.situations.alike import KINDS, alike
 from skipnet.studies.options import VigilanceConfig
 from skipnet.studies.study import do_all, report
 from skipnet.types import Pair
@@ -57,6 +58,7 @@ OTHERS = (
     Setting("paper_room", passers_by=6),
 )
 OPEN = {"symmetric": Setting("symmetric"), "corridor": Setting("corridor")}
+NEVER_RIGHT: dict[str, Any] = {"success_rotation_rad": 0.0, "success_translation_m": 0.0}
 STATUSES = ("registered", "ambiguous", "failed")
 
 
@@ -78,6 +80,24 @@ class Case:
 
 
 @dataclass(frozen=True)
+class Alike:
+    """Two to register that are alike and not the same."""
+
+    kind: str
+    seed: int
+
+    @property
+    def group(self) -> str:
+        """Row of the table."""
+        return f"alike, {self.kind}"
+
+    @property
+    def name(self) -> str:
+        """All that the outcome depends on."""
+        return f"{self.group}: {self.seed}"
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What came of it."""
 
@@ -88,12 +108,14 @@ class Outcome:
     translation_mm: float
 
 
-Judged = tuple[Case, Outcome]
+Judged = tuple[Case | Alike, Outcome]
 
 
 def run(config: VigilanceConfig) -> dict[str, Any]:
     """Try every case and report; the summary comes back."""
-    chosen = {case.name: case for case in cases(config.pairs, config.negatives, config.seed)}
+    every: list[Case | Alike] = [*cases(config.pairs, config.negatives, config.seed)]
+    every += alike_cases(config.alike, config.seed)
+    chosen = {case.name: case for case in every}
     found = do_all(chosen, try_case, Path(config.output_dir), config.workers)
     judged = [(case, Outcome(**one)) for case, one in zip(chosen.values(), found, strict=True)]
     error = calibration_error(judged)
@@ -102,8 +124,10 @@ def run(config: VigilanceConfig) -> dict[str, Any]:
         config,
         "Vigilance: is the judge ever fooled?",
         {
-            "scans": f"{config.pairs} pairs of each kind, {config.negatives} that share nothing",
-            "scenes": f"from number {config.seed} of {VIGILANCE.first} and {VIGILANCE_APART.first}",
+            "scans": f"{config.pairs} pairs of each kind, {config.negatives} that share nothing, "
+            f"{config.alike} that are alike",
+            "scenes": f"from number {config.seed} of {VIGILANCE.first}, {VIGILANCE_APART.first} "
+            f"and {VIGILANCE_ALIKE.first}",
         },
         [counts_table(judged), surprises_table(judged)],
         sentences=[
@@ -139,19 +163,32 @@ def cases(pairs: int, negatives: int, skip: int = 0) -> list[Case]:
     return chosen
 
 
-def try_case(case: Case) -> dict[str, Any]:
+def alike_cases(count: int, skip: int = 0) -> list[Alike]:
+    """So many of all kinds in turn, each with a seed of its own; none has a right answer."""
+    seeds, kinds = VIGILANCE_ALIKE.take(count, skip), list(KINDS)
+    return [Alike(kinds[k % len(kinds)], seed) for k, seed in enumerate(seeds, skip)]
+
+
+def try_case(case: Case | Alike) -> dict[str, Any]:
     """Register one case; the fields of an ``Outcome``."""
-    pair, other = (_pair(case.setting, seed) for seed in (case.source_seed, case.target_seed))
-    result = register(pair.source_m, other.target_m)
+    pair = _of_one_kind(case) if isinstance(case, Alike) else _of_scenes(case)
+    result = register(pair.source_m, pair.target_m)
     rotation_rad, translation_m = pose_error(result.T_target_source, pair.T_target_source)
-    right = (
-        case.source_seed == case.target_seed
-        and rotation_rad < pair.success_rotation_rad
-        and translation_m < pair.success_translation_m
-    )
+    right = rotation_rad < pair.success_rotation_rad and translation_m < pair.success_translation_m
     rotation_deg, translation_mm = float(np.rad2deg(rotation_rad)), 1000 * translation_m
     outcome = Outcome(str(result.status), result.confidence, right, rotation_deg, translation_mm)
     return asdict(outcome)
+
+
+def _of_one_kind(case: Alike) -> Pair:
+    two = alike(case.kind, case.seed)
+    return Pair(case.name, case.kind, two.source_m, two.target_m, np.eye(4), **NEVER_RIGHT)
+
+
+def _of_scenes(case: Case) -> Pair:
+    pair, other = (_pair(case.setting, seed) for seed in (case.source_seed, case.target_seed))
+    never = {} if case.source_seed == case.target_seed else NEVER_RIGHT
+    return replace(pair, target_m=other.target_m, **never)
 
 
 def _pair(setting: Setting, seed: int) -> Pair:

@@ -68,6 +68,7 @@ GOOD = Findings(
     is_mirrored=False,
     blind=0.0,
     covariance=np.eye(6),
+    covariance_centre_m=np.zeros(3),
     free_directions=np.zeros((0, 3)),
     free_turns=np.zeros((0, 3)),
     alternatives=np.zeros((0, 4, 4)),

@@ -115,7 +115,7 @@ def test_the_list_of_studies_is_the_help(capsys):
     [
         (["vigilanc"], "did you mean 'vigilance'"),
         (["vigilance", "pair=3"], "did you mean pairs?"),
-        (["vigilance", "pairs=0"], "pairs=0: expected 1 or more"),
+        (["vigilance", "pairs=-1"], "pairs=-1: expected 0 or more"),
         (["vigilance", "pairs=2000"], "vigilance: 2000 scenes from number 0 on"),
         (["accuracy", "seed=-1"], "seed=-1"),
         (["misses"], "run=FOLDER"),

@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 
 from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.seeds import VIGILANCE_ALIKE
+from skipnet.simulation.situations.alike import KINDS
 from skipnet.studies import vigilance
 from skipnet.studies.accuracy import bound_m
 from skipnet.studies.vigilance import (
     OPEN,
     POSITIVES,
     SAME_SHELL,
+    Alike,
     Case,
     Outcome,
     Setting,
+    alike_cases,
     calibration_error,
     cases,
     counts_table,
@@ -31,6 +35,15 @@ def test_half_of_the_negatives_share_a_shell_and_no_scene_meets_itself():
     assert all(case.source_seed != case.target_seed for case in negatives)
     others = [case for case in chosen if case not in negatives]
     assert all(case.source_seed == case.target_seed for case in others)
+
+
+def test_what_is_alike_comes_in_all_kinds_in_turn_and_is_never_right():
+    chosen = alike_cases(20, skip=3)
+    assert [case.kind for case in chosen[:10]] == [*list(KINDS)[3:], *list(KINDS)[:3]]
+    assert len({case.seed for case in chosen}) == 20
+    assert all(case.seed in VIGILANCE_ALIKE for case in chosen)
+    found = try_case(Alike("part, other bosses", 62_104))
+    assert not found["right"] and found["status"] in ("registered", "ambiguous", "failed")
 
 
 def outcome(group, status, confidence, right, translation_mm=1.0):

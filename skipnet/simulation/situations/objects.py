@@ -74,11 +74,11 @@ def arch(seed: int) -> Situation:
     """Two overlapping parts of an arch or ring of blocks, or its mirror image, or another one."""
     rng = np.random.default_rng([seed, 2])
     mode = ARCH_MODES[seed % len(ARCH_MODES)]
-    kind, specimen = _draw_arch(rng), int(rng.integers(1 << 30))
+    kind, specimen = draw_arch(rng), int(rng.integers(1 << 30))
     solids = kind.specimen(np.random.default_rng(specimen))
     other = kind.specimen(np.random.default_rng(specimen + 1)) if mode == "other" else solids
     T = anywhere(rng, 40.0)
-    source_m, target_m = (_look_at_arch(one, kind.is_ring, rng) for one in (solids, other))
+    source_m, target_m = (look_at_arch(one, kind.is_ring, rng) for one in (solids, other))
     if mode == "halves":
         full_rad = 2 * np.pi if kind.is_ring else np.pi
         end_rad = full_rad * rng.uniform(0.5, 0.85)
@@ -92,7 +92,8 @@ def arch(seed: int) -> Situation:
     return Situation(name, source_m, transform_points(T, target_m), truth)
 
 
-def _draw_arch(rng: np.random.Generator) -> Arch:
+def draw_arch(rng: np.random.Generator) -> Arch:
+    """A kind of arch, or of ring."""
     is_ring = bool(rng.random() < 0.35)
     half_m = (38.0, 38.0) if is_ring else (rng.uniform(22, 34), rng.uniform(30, 44))
     return Arch(
@@ -106,7 +107,8 @@ def _draw_arch(rng: np.random.Generator) -> Arch:
     )
 
 
-def _look_at_arch(solids: Solids, is_ring: bool, rng: np.random.Generator) -> FloatArray:
+def look_at_arch(solids: Solids, is_ring: bool, rng: np.random.Generator) -> FloatArray:
+    """(N, 3) points of a ring's surface, or what five cameras see of an arch."""
     if is_ring:
         return sample(solids, 40_000, rng, 0.05)
     eyes_m = ARCH_EYES_M + rng.uniform(-5, 5, ARCH_EYES_M.shape)
@@ -125,15 +127,15 @@ def part(seed: int) -> Situation:
     mode, unit = PART_MODES[seed % len(PART_MODES)], rng.choice([0.002, 0.01, 1.0])
     size = np.array([120.0, rng.uniform(50, 80), rng.uniform(30, 70)])
     bosses, specimen = int(rng.integers(2, 5)), int(rng.integers(1 << 30))
-    solids = scaled(_bracket(size, bosses, np.random.default_rng(specimen)), unit)
+    solids = scaled(bracket(size, bosses, np.random.default_rng(specimen)), unit)
     sigma_m, T = rng.uniform(0.03, 0.1) * unit, anywhere(rng, 60 * unit)
     count = 40_000 if mode == "band" else 16_000
     source_m, target_m = (sample(solids, count, rng, sigma_m) for _ in range(2))
     if mode == "mirrored":
         return Situation("part, mirrored", source_m * FLIPPED, transform_points(T, target_m), None)
     if mode == "other":
-        other = _bracket(size, bosses - 1, np.random.default_rng(specimen))
-        other += _boss(size, rng)
+        other = bracket(size, bosses - 1, np.random.default_rng(specimen))
+        other += boss(size, rng)
         target_m = sample(scaled(other, unit), count, rng, sigma_m)
         return Situation("part, other", source_m, transform_points(T, target_m), None)
     if mode == "band":
@@ -148,16 +150,18 @@ def part(seed: int) -> Situation:
     return Situation(f"part, {mode}", source_m, transform_points(T, target_m), T)
 
 
-def _bracket(size: FloatArray, bosses: int, rng: np.random.Generator) -> Solids:
+def bracket(size: FloatArray, bosses: int, rng: np.random.Generator) -> Solids:
+    """A plate and a wall behind it, of a (3,) size, with bosses at random."""
     wide, deep, high = size
     solids = block((wide, deep, 0.15 * high), (0, 0, 0.07 * high))
     solids += block((wide, 0.15 * high, high), (0, 0.45 * deep, 0.5 * high))
     for _ in range(bosses):
-        solids += _boss(size, rng)
+        solids += boss(size, rng)
     return solids
 
 
-def _boss(size: FloatArray, rng: np.random.Generator) -> Solids:
+def boss(size: FloatArray, rng: np.random.Generator) -> Solids:
+    """A drum or a block somewhere on the plate of a bracket."""
     at = rng.uniform(-0.4, 0.4) * size[0], rng.uniform(-0.4, 0.3) * size[1]
     if rng.random() < 0.5:
         radius, high = rng.uniform(0.05, 0.12) * size[0], rng.uniform(0.2, 0.6) * size[2]
