@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skipnet.clouds.statistics import bounds, central_moments
-from skipnet.geometry import nearest, rotation_from_vector
+from skipnet.geometry import invert, make_transform, nearest, rotation_from_vector, straightened
 
 
 @pytest.fixture(params=[np.float32, np.float64])
@@ -54,3 +54,12 @@ def test_the_nearest_of_other_points_is_that_of_scipy():
         expected_m, expected = cKDTree(to_m.astype(np.float64)).query(from_m.astype(np.float64))
         np.testing.assert_allclose(away_m, expected_m, rtol=1e-12)
         assert (rows == expected).all()
+
+
+def test_a_transform_that_rounding_has_bent_is_made_rigid():
+    rotation = Rotation.random(rng=np.random.default_rng(0)).as_matrix()
+    bent = make_transform(rotation + 1e-5, np.array([1.0, 2.0, 3.0]))
+    assert np.abs(bent @ invert(bent) - np.eye(4)).max() > 1e-6
+    straight = straightened(bent)
+    np.testing.assert_allclose(straight @ invert(straight), np.eye(4), atol=1e-8)
+    np.testing.assert_allclose(straight, bent, atol=1e-4)

@@ -124,8 +124,9 @@ class Builder:
         """The second group in the first's frame, what agrees across both and what contradicts; None
         if a scan objects, or hardly anything agrees."""
         target, source = self._edges.ends[row]
-        T = first[target] @ self._edges.T_target_source[row] @ invert(second[source])
-        moved = {scan: straightened(T @ pose) for scan, pose in second.items()}
+        # Straight, since what rounding adds would double with every inverse of an inverse.
+        T = straightened(first[target] @ self._edges.T_target_source[row] @ invert(second[source]))
+        moved: dict[int, FloatArray] = {scan: T @ pose for scan, pose in second.items()}
         shares, against, excess, limit = {}, {}, 0.0, self._standards.limit
         for a, b, T_a_b in self.witness.meeting(first, moved):
             overlap, violation = self.witness.about(a, b, T_a_b)

@@ -157,7 +157,7 @@ def placed_table(of: dict[str, dict[str, float]]) -> Table:
     note += (
         " Decidable by the truth: it shares 15 % with others that are, fits nowhere else half as "
     )
-    note += "well, and can change places with no others."
+    note += "well, and no other configuration of all scans explains them about as well."
     return Table("Scans placed", ("", *names), tuple(rows), note)
 
 

@@ -11,14 +11,18 @@ import pytest
 
 import skipnet
 from skipnet.geometry import invert, make_transform, pose_error, random_rotation, transform_points
-from skipnet.projects import searches
+from skipnet.projects import retrieval, searches
 from skipnet.projects.assembly import Word
+from skipnet.projects.blocks import Workers
+from skipnet.registration.options import Generator
 from skipnet.results.project import poses_json, scans_page
 from skipnet.simulation.scanning.floors import simulate_floor
 from skipnet.simulation.scanning.pairs import simulate_pair, simulate_scans
 from skipnet.viz.lengths import Lengths
 
 FLOOR_SEED = 300_000
+
+PLANES = skipnet.RegistrationConfig(generators=[Generator.planes])
 
 
 @pytest.fixture(scope="module")
@@ -133,6 +137,28 @@ def test_a_run_that_was_ended_goes_on_and_gives_the_same(scans, tmp_path, monkey
     for T, expected in zip(again.T_group_scan, whole.T_group_scan, strict=True):
         np.testing.assert_array_equal(T, expected)
     assert again.words == whole.words
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_of_many_scans_every_pair_is_glanced_at_and_the_promising_ones_are_searched(
+    scans, tmp_path, monkeypatch, workers
+):
+    rest_m = np.random.default_rng(0).uniform(-9, 9, size=(500, 3))  # shares nothing
+    clouds_m = [scans[0].points_m, rest_m, rest_m + 50, scans[1].points_m]
+    for name, value in (("PARTNERS", 1), ("NEIGHBOURS", (1,))):
+        monkeypatch.setattr(retrieval, name, value)
+    monkeypatch.setattr(searches, "ALL_PAIRS", 3)
+    asked, options = counted(monkeypatch), {"config": PLANES, "voxel_size_m": 0.1}
+    found = skipnet.register_many(clouds_m, folder=tmp_path, workers=Workers(workers), **options)
+    assert len(list((tmp_path / "promises").iterdir())) == 6
+    assert [0, 3] in found.groups and set(found.pairs) >= {(0, 3), (0, 1), (1, 2), (2, 3)}
+    assert len(found.pairs) < 6
+    if workers == 1:
+        assert len(asked) == len(found.pairs)
+    for file in (tmp_path / "promises").iterdir():
+        file.write_text("what is no number")
+    again = skipnet.register_many(clouds_m, folder=tmp_path, **options)
+    assert set(again.pairs) == set(found.pairs)
 
 
 def counted(monkeypatch):
