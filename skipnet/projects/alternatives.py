@@ -14,7 +14,9 @@ from skipnet.projects.witness import leaders
 
 WORTH_A_DOUBT = 0.3
 """Another configuration counts in which less is lost than this share of what agrees between scans
-that lie to each other otherwise in it."""
+that lie to each other otherwise in it, or ..."""
+LITTLE_LOST = 0.15
+"""... than this in all: a scan of which few say little may say as little elsewhere."""
 
 
 def common_parts(
@@ -48,7 +50,7 @@ def _counts(other: Configuration, better: Configuration, joiner: Joiner) -> bool
     """Whether a configuration explains the scans about as well as a better one."""
     number = numbered(_alike(better, other, joiner))
     at_stake = sum(share for (a, b), share in better.shares.items() if number[a] != number[b])
-    return better.merit - other.merit <= WORTH_A_DOUBT * at_stake
+    return better.merit - other.merit <= max(WORTH_A_DOUBT * at_stake, LITTLE_LOST)
 
 
 def _alike(one: Configuration, other: Configuration, joiner: Joiner) -> list[list[int]]:

@@ -9,17 +9,17 @@ import numpy as np
 from skipnet.geometry import invert
 from skipnet.projects.components import components
 from skipnet.projects.exchanges import places
-from skipnet.projects.groups import MIN_UNTRUSTED_SUPPORT, Group, Joiner
+from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.motions import rival_split
 from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
 from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
 from skipnet.types import FloatArray
 
-FIRM_WITNESSES = 2
+FIRM_WITNESSES = 3
 """Where much looks alike, a scan is believed that overlaps with so many others of its group, ..."""
 FIRM_OVERLAP = 0.3
-"""... or with one by this share, if the group has three scans or more: where the scan that belongs
-there is missing, another may stand in its place."""
+"""... or by so much in all, if the group has three scans or more: where the scan that belongs there
+is missing, another may stand in its place."""
 REMAINING_RIVAL = 0.5
 """In the end a second place with this share of the support leaves a scan in doubt, be it in another
 group."""
@@ -93,9 +93,7 @@ class Doubts:
     @staticmethod
     def _is_firm(agree: list[float], size: int) -> bool:
         """Whether others of a group of this size say enough of a scan, by what agrees with each."""
-        if len(agree) >= FIRM_WITNESSES:
-            return sum(agree) >= MIN_UNTRUSTED_SUPPORT
-        return size >= 3 and sum(agree) >= FIRM_OVERLAP
+        return len(agree) >= FIRM_WITNESSES or (size >= 3 and sum(agree) >= FIRM_OVERLAP)
 
     def _is_registered(self, group: Group, scan: int) -> bool:
         """Whether a pair that registered by itself puts a scan where it is."""
