@@ -83,6 +83,7 @@ def search_tasks(
     Raises:
         RuntimeError: a worker ended twice over some pairs; they are named, all others are kept.
     """
+    folder = folder.absolute()  # workers may have begun in another folder
     left = [task for task in tasks if not task.is_done(folder)]
     for _ in range(TRIES):
         blocks = [left[i : i + PAIRS_PER_BLOCK] for i in range(0, len(left), PAIRS_PER_BLOCK)]

@@ -35,6 +35,16 @@ def test_two_processes_give_the_same_bits_as_this_one(clouds_m, alone, tmp_path,
     assert_same(skipnet.register_many(clouds_m, folder=tmp_path, workers=Workers(2)), alone)
 
 
+def test_a_folder_is_found_by_workers_that_began_in_another_one(
+    clouds_m, alone, tmp_path, monkeypatch
+):
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        found = skipnet.register_many(clouds_m, folder="project", workers=Workers(2))
+        assert_same(found, alone)
+
+
 def test_a_ray_cluster_gives_the_same_bits(clouds_m, alone, tmp_path):
     pytest.importorskip("ray")
     found = skipnet.register_many(clouds_m, folder=tmp_path, workers=Workers(-1, "ray"))
