@@ -81,9 +81,9 @@ def _common(group: Group, other: Group, joiner: Joiner) -> list[list[int]]:
     parts, left = [], [scan for scan in group.scans if scan in other.poses]
     while left:
         motion = other.poses[left[0]] @ invert(group.poses[left[0]])
-        same = [
+        same = left[:1] + [
             scan
-            for scan in left
+            for scan in left[1:]
             if leaders(
                 np.stack([motion @ group.poses[scan], other.poses[scan]]),
                 witness.centres_m[scan],

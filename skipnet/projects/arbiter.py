@@ -1,4 +1,4 @@
-"""Who belongs together: groups grow, are repaired, and are looked over."""
+"""Who belongs together: groups grow or are searched for, and are looked over."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
 from skipnet.projects.configurations import Configuration
 from skipnet.projects.doubts import Doubts
-from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner, merit
 from skipnet.projects.orders import configurations, first_configuration
+from skipnet.projects.places import places
 from skipnet.projects.tightening import Settle, tightened
 from skipnet.projects.ways import MOST_OVERLAP, Standards, rivals
 from skipnet.types import FloatArray
@@ -29,9 +29,7 @@ BUSY = replace(LENIENT, limit=0.03)
 Chosen on one facade, whose right pairs contradict by up to .03."""
 STRICT = Standards(limit=0.001, rival_support=0.6)
 """Where it does not, because much looks alike: right poses of simulated scans that nothing disturbs
-stay under .0008, wrong ones in alike rooms reach .002 and more (floors of development seeds), and
-no two scans share .75 (two of twin rooms .86 and more; where no registered pair is refuted, two
-scans of one place may share all)."""
+stay under .0008, wrong ones in alike rooms reach .002 and more (floors of development seeds)."""
 NOISE = 5.0
 """Where even the best registered pairs contradict, as leaves and passers-by make them, this many
 times as much is allowed, up to the lenient limit."""
@@ -170,19 +168,19 @@ class Arbiter:
     def _in_parts(
         self, group: Group, best: Configuration, part_of: Mapping[int, int]
     ) -> list[Group]:
-        """A group in those parts; what joined it late goes where it shares most."""
-        core = max((set(one) & set(group.poses) for one in best.poses), key=len)
-        parts: dict[int, set[int]] = {}
-        for scan in sorted(core):
-            parts.setdefault(part_of[scan], set()).add(scan)
-        overlaps = self._joiner.overlaps(group)
-        for scan in sorted(set(group.poses) - core):
-            shared = {
-                number: sum(overlaps[min(scan, other), max(scan, other)] for other in part)
-                for number, part in parts.items()
-            }
-            parts[max(sorted(shared), key=shared.__getitem__)].add(scan)
-        return [Group({s: group.poses[s] for s in sorted(part)}) for part in parts.values()]
+        """A group in those parts. Of each other group that joined it late the largest part goes
+        where it shares most, and what may lie to that part otherwise stands apart."""
+        came = [_parted(set(one) & set(group.poses), part_of) for one in best.poses]
+        came = sorted(filter(None, came), key=lambda parts: -sum(map(len, parts)))
+        overlaps, seeds = self._joiner.overlaps(group), [set(part) for part in came[0]]
+        for late, *apart in came[1:]:
+            shared = [
+                sum(share for key, share in overlaps.items() if late & {*key} and part & {*key})
+                for part in seeds
+            ]
+            seeds[int(np.argmax(shared))] |= late
+            seeds += apart
+        return [Group({s: group.poses[s] for s in sorted(part)}) for part in seeds]
 
     def _counted(self, groups: list[Group]) -> list[Group]:
         """The groups with their support, which cutting forgets."""
@@ -245,3 +243,11 @@ class Arbiter:
                 fits[scan] = [way.T for way in best[2]]
                 host[scan] = best[1].scans[0]
         return Decision(groups, fits, host, reliability)
+
+
+def _parted(scans: set[int], part_of: Mapping[int, int]) -> list[set[int]]:
+    """Scans by their parts, the largest first."""
+    parts: dict[int, set[int]] = {}
+    for scan in sorted(scans):
+        parts.setdefault(part_of[scan], set()).add(scan)
+    return sorted(parts.values(), key=lambda part: (-len(part), min(part)))

@@ -8,9 +8,9 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.components import components
-from skipnet.projects.exchanges import places
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.motions import rival_split
+from skipnet.projects.places import places
 from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
 from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
 from skipnet.types import FloatArray
@@ -18,11 +18,10 @@ from skipnet.types import FloatArray
 FIRM_WITNESSES = 3
 """Where much looks alike, a scan is believed that overlaps with so many others of its group, ..."""
 FIRM_OVERLAP = 0.3
-"""... or by so much in all, if the group has three scans or more: where the scan that belongs there
-is missing, another may stand in its place."""
+"""... or by so much in all, if the group has three scans or more, and with a single one only where
+their pair registered: if the scan that belongs there is missing another may stand in its place."""
 REMAINING_RIVAL = 0.5
-"""In the end a second place with this share of the support leaves a scan in doubt, be it in another
-group."""
+"""Where much looks alike, a place with this share of another one's support is as good."""
 
 
 class Doubts:
@@ -79,21 +78,21 @@ class Doubts:
             return [group]
         overlaps = {k: v for k, v in self._joiner.overlaps(group).items() if v >= MIN_OVERLAP}
         shares = {s: [v for k, v in overlaps.items() if s in k] for s in group.scans}
-        loose = [
-            scan
-            for scan, agree in shares.items()
-            if not self._is_firm(agree, len(group.poses))
-            and not (self._holds and self._is_registered(group, scan))
-        ]
+        loose = [scan for scan, agree in shares.items() if not self._is_firm(group, scan, agree)]
         if not loose:
             return [group]
         rest = Group({s: T for s, T in group.poses.items() if s not in loose})
         return [Group.single(s) for s in loose] + (self._firm(rest) if rest.poses else [])
 
-    @staticmethod
-    def _is_firm(agree: list[float], size: int) -> bool:
-        """Whether others of a group of this size say enough of a scan, by what agrees with each."""
-        return len(agree) >= FIRM_WITNESSES or (size >= 3 and sum(agree) >= FIRM_OVERLAP)
+    def _is_firm(self, group: Group, scan: int, agree: list[float]) -> bool:
+        """Whether others of a group say enough of a scan, by what agrees with each of them."""
+        if len(agree) >= FIRM_WITNESSES:
+            return True
+        is_registered = self._is_registered(group, scan)
+        says_enough = len(group.poses) >= 3 and sum(agree) >= FIRM_OVERLAP
+        return (says_enough and (len(agree) > 1 or is_registered)) or (
+            self._holds and is_registered
+        )
 
     def _is_registered(self, group: Group, scan: int) -> bool:
         """Whether a pair that registered by itself puts a scan where it is."""

@@ -143,12 +143,14 @@ class Project:
             self._searches.search_about(guesses, cheap(self._config), tell)
             if more is not None:
                 self._searches.search(chosen, more, 1, "pairs said to overlap", tell)
+        tell("groups", 0, 1)
         with clock("groups"):
             joiner, decision = self._decide(keys, witness, chosen)
         if more is not None and len(decision.groups) > 1:
             with clock("pairs"):
                 chosen = sorted({*chosen, *worth_searching(decision, joiner, self._priors)})
                 self._searches.search(chosen, more, 1, "pairs between groups", tell)
+            tell("groups", 0, 1)
             with clock("groups"):
                 joiner, decision = self._decide(keys, witness, chosen)
         with clock("pose graph"):

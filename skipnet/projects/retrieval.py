@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from heapq import nsmallest
 from itertools import combinations
 
 import numpy as np
@@ -31,10 +32,11 @@ def partners(promises: Mapping[PairKey, float], scans: int) -> set[PairKey]:
     which they came, which often is that of shooting.
     """
     chosen = {(scan, scan + step) for step in NEIGHBOURS for scan in range(scans - step)}
-    for scan in range(scans):
-        of_scan = sorted((-promise, key) for key, promise in promises.items() if scan in key)
-        chosen |= {key for _, key in of_scan[:PARTNERS]}
-    return chosen
+    of_scan: list[list[tuple[float, PairKey]]] = [[] for _ in range(scans)]
+    for key, promise in promises.items():
+        for scan in key:
+            of_scan[scan].append((-promise, key))
+    return chosen | {key for pairs in of_scan for _, key in nsmallest(PARTNERS, pairs)}
 
 
 def worth_searching(decision: Decision, joiner: Joiner, priors: Priors) -> list[PairKey]:

@@ -191,11 +191,16 @@ class Scan:
         edge = self.features.classes == FeatureClass.EDGE
         return find_lines(self.skipmap, self.features.rows[edge])
 
+    @cached_property
+    def _worth(self) -> FloatArray:
+        """(V,) what each voxel is worth to the judge; every pair asks for it."""
+        return voxel_worth(self.skipmap, self.planes)
+
     def valued_evidence(self, feature_weight: float) -> Evidence:
         """The evidence, each voxel judged by what it is worth, those of edges and corners by so
         many times as much."""
-        worth = voxel_worth(self.skipmap, self.planes)
+        worth = self._worth
         if feature_weight != 1:
-            features = self.features
+            worth, features = worth.copy(), self.features
             worth[features.rows[features.classes != FeatureClass.PLANE]] *= feature_weight
         return self.evidence.valued(worth)

@@ -244,6 +244,11 @@ def test_a_scan_of_which_too_few_others_say_too_little_is_not_believed():
     assert parts([0, 1, 2, 4]) == [[0, 1, 2]]
     assert parts([0, 1, 2, 3]) == [[0, 1, 2, 3]]
     assert parts([0, 1, 3]) == []
+    # The first and the last have one each, by 0.3: enough only where those pairs registered.
+    assert parts([0, 1, 3, 4]) == [[0, 1, 3, 4]]
+    joiner = Joiner(plan.proposals(near(9), confidence=0.0), plan)
+    assert parts([0, 1, 3, 4]) == []
+    assert parts(range(6)) == [[0, 1, 2, 3, 4, 5]]
 
 
 def test_twins_that_fit_in_each_others_places_are_both_left_out():

@@ -8,8 +8,9 @@ from test_groups import STRICT, Plan, near
 
 from skipnet.geometry import invert, make_transform, pose_error
 from skipnet.projects.alternatives import common_parts
+from skipnet.projects.arbiter import Arbiter
 from skipnet.projects.configurations import Configuration
-from skipnet.projects.groups import Joiner
+from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.orders import configurations
 
 ASIDE = make_transform(np.eye(3), np.array([0.0, 9.0, 0.0]))
@@ -93,6 +94,20 @@ def test_what_is_wrong_does_not_hide_behind_what_may_as_well_be_so():
     both = other(best.merit - 0.3, [0, 7])  # 0.3 of 0.5, which is too much for the last one alone
     assert sorted(common_parts(best, [free, both], joiner)) == [[0], [1, 2, 3, 4, 5, 6, 7]]
     assert sorted(common_parts(best, [both], joiner)) == [[0, 7], [1, 2, 3, 4, 5, 6]]
+
+
+def test_what_joins_late_joins_a_part_and_brings_no_doubtful_scan_along():
+    """Five scans stood together, of which the last is in doubt; of three that joined late, one."""
+    plan = Plan(8)
+    poses = {s: plan.true(0, s) for s in range(8)}
+    best = Configuration(
+        tuple({s: poses[s] for s in some} for some in (range(5), range(5, 8))), {}, {}
+    )
+    arbiter = Arbiter(Joiner(plan.proposals(near(8)), plan), lambda group: group)
+    part_of = {**dict.fromkeys(range(4), 0), 4: 1, 5: 2, 6: 2, 7: 3}
+    parts = arbiter._in_parts(Group(poses), best, part_of)
+    # The late pair shares 0.5 with the doubtful one, and 0.2 with the others.
+    assert sorted(part.scans for part in parts) == [[0, 1, 2, 3], [4, 5, 6], [7]]
 
 
 def test_what_another_configuration_only_left_apart_is_not_in_doubt():

@@ -1,4 +1,4 @@
-"""Where else scans might stand: in free places, or in each other's."""
+"""Where else a scan of a group might stand."""
 
 from __future__ import annotations
 
