@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -44,6 +44,39 @@ def common_parts(
                 for n in sorted({number[scan] for scan in part})
             ]
     return parts
+
+
+def in_parts(
+    group: Group, best: Configuration, part_of: Mapping[int, int], joiner: Joiner
+) -> list[Group]:
+    """A group in the parts that are common to all configurations that count.
+
+    Args:
+        group: of one or several groups of the best configuration, which joined afterwards.
+        best: the configuration.
+        part_of: number of the part of each scan. Of each group that joined late the largest part
+            goes where it shares most, and what may lie to that part otherwise stands apart.
+        joiner: knows the scans.
+    """
+    came = [_parted(set(one) & set(group.poses), part_of) for one in best.poses]
+    came = sorted(filter(None, came), key=lambda parts: -sum(map(len, parts)))
+    overlaps, seeds = joiner.overlaps(group), [set(part) for part in came[0]]
+    for late, *apart in came[1:]:
+        shared = [
+            sum(share for key, share in overlaps.items() if late & {*key} and part & {*key})
+            for part in seeds
+        ]
+        seeds[int(np.argmax(shared))] |= late
+        seeds += apart
+    return [Group({s: group.poses[s] for s in sorted(part)}) for part in seeds]
+
+
+def _parted(scans: set[int], part_of: Mapping[int, int]) -> list[set[int]]:
+    """Scans by their parts, the largest first."""
+    parts: dict[int, set[int]] = {}
+    for scan in sorted(scans):
+        parts.setdefault(part_of[scan], set()).add(scan)
+    return sorted(parts.values(), key=lambda part: (-len(part), min(part)))
 
 
 def _counts(other: Configuration, better: Configuration, joiner: Joiner) -> bool:

@@ -9,10 +9,9 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.alternatives import common_parts
+from skipnet.projects.alternatives import common_parts, in_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.configurations import Configuration
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.groups import Group, Joiner, merit
 from skipnet.projects.orders import configurations, first_configuration
@@ -163,24 +162,7 @@ class Arbiter:
         parts = numbered(common_parts(best, others, joiner))
         groups = tightened(best.groups, joiner, self._settle, standards)
         groups = joiner.grow(groups, standards)
-        return [part for group in groups for part in self._in_parts(group, best, parts)]
-
-    def _in_parts(
-        self, group: Group, best: Configuration, part_of: Mapping[int, int]
-    ) -> list[Group]:
-        """A group in those parts. Of each other group that joined it late the largest part goes
-        where it shares most, and what may lie to that part otherwise stands apart."""
-        came = [_parted(set(one) & set(group.poses), part_of) for one in best.poses]
-        came = sorted(filter(None, came), key=lambda parts: -sum(map(len, parts)))
-        overlaps, seeds = self._joiner.overlaps(group), [set(part) for part in came[0]]
-        for late, *apart in came[1:]:
-            shared = [
-                sum(share for key, share in overlaps.items() if late & {*key} and part & {*key})
-                for part in seeds
-            ]
-            seeds[int(np.argmax(shared))] |= late
-            seeds += apart
-        return [Group({s: group.poses[s] for s in sorted(part)}) for part in seeds]
+        return [part for group in groups for part in in_parts(group, best, parts, joiner)]
 
     def _counted(self, groups: list[Group]) -> list[Group]:
         """The groups with their support, which cutting forgets."""
@@ -243,11 +225,3 @@ class Arbiter:
                 fits[scan] = [way.T for way in best[2]]
                 host[scan] = best[1].scans[0]
         return Decision(groups, fits, host, reliability)
-
-
-def _parted(scans: set[int], part_of: Mapping[int, int]) -> list[set[int]]:
-    """Scans by their parts, the largest first."""
-    parts: dict[int, set[int]] = {}
-    for scan in sorted(scans):
-        parts.setdefault(part_of[scan], set()).add(scan)
-    return sorted(parts.values(), key=lambda part: (-len(part), min(part)))

@@ -7,8 +7,7 @@ import pytest
 from test_groups import STRICT, Plan, near
 
 from skipnet.geometry import invert, make_transform, pose_error
-from skipnet.projects.alternatives import common_parts
-from skipnet.projects.arbiter import Arbiter
+from skipnet.projects.alternatives import common_parts, in_parts
 from skipnet.projects.configurations import Configuration
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.orders import configurations
@@ -103,9 +102,9 @@ def test_what_joins_late_joins_a_part_and_brings_no_doubtful_scan_along():
     best = Configuration(
         tuple({s: poses[s] for s in some} for some in (range(5), range(5, 8))), {}, {}
     )
-    arbiter = Arbiter(Joiner(plan.proposals(near(8)), plan), lambda group: group)
+    joiner = Joiner(plan.proposals(near(8)), plan)
     part_of = {**dict.fromkeys(range(4), 0), 4: 1, 5: 2, 6: 2, 7: 3}
-    parts = arbiter._in_parts(Group(poses), best, part_of)
+    parts = in_parts(Group(poses), best, part_of, joiner)
     # The late pair shares 0.5 with the doubtful one, and 0.2 with the others.
     assert sorted(part.scans for part in parts) == [[0, 1, 2, 3], [4, 5, 6], [7]]
 
