@@ -86,7 +86,7 @@ class Arbiter:
         wary = replace(strict, most_overlap=MOST_OVERLAP)
         for standards in [*trusting, strict, wary]:
             self._joiner.witness.hopeless = HOPELESS * standards.limit
-            if standards is strict and not self._holds(self._first(scans, strict), strict):
+            if standards is not wary and not self._holds(self._first(scans, standards), standards):
                 continue
             if standards.believes_one:
                 groups = self._repaired(self._grown(scans, standards), standards)
@@ -104,9 +104,11 @@ class Arbiter:
         return self._with_places(sure, doubts.standards, self.reliability(groups, standards))
 
     def _first(self, scans: list[int], standards: Standards) -> list[Group]:
-        """Groups at a glance."""
-        joiner = self._joiner
-        return first_configuration(scans, joiner.proposals, joiner.witness, standards).groups
+        """Groups at a glance; where pairs would be believed, from what they are sure of alone."""
+        proposals = self._joiner.proposals
+        if standards.believes_one:
+            proposals = {k: pair.answer for k, pair in proposals.items() if pair.confidence > 0}
+        return first_configuration(scans, proposals, self._joiner.witness, standards).groups
 
     def _holds(self, groups: list[Group], standards: Standards) -> bool:
         """Whether what pairs say by themselves holds in these groups."""

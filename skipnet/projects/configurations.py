@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 
 SPREAD = 0.7
 """Standard deviation of the logarithm of the factor by which a join counts more or less."""
+ALONE = np.eye(4)
+"""Where a scan of its own group is."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,9 @@ class Builder:
         self._edges = edges
         self.witness = witness
         self._standards = standards
+        self._objections: dict[int, tuple[PairKey, tuple[FloatArray, ...]]] = {}
+        """Of each edge the pair of scans that objected to it last, which is asked first next time,
+        and from which poses it followed how they would lie."""
 
     def following(self, configuration: Configuration, scan: int) -> BoolArray:
         """(E,) the edges that put a scan where a configuration has it."""
@@ -108,6 +114,8 @@ class Builder:
         for row in across[np.argsort(-weight[across], kind="stable")]:
             first, second = of[ends[row]]
             if first != second:
+                if len(poses[first]) < len(poses[second]):  # the larger group stays where it is
+                    first, second = second, first
                 found = self._joined(poses[first], poses[second], row)
                 if found is not None:
                     moved, agree, contradict = found
@@ -123,15 +131,16 @@ class Builder:
     ) -> tuple[dict[int, FloatArray], dict[PairKey, float], dict[PairKey, float]] | None:
         """The second group in the first's frame, what agrees across both and what contradicts; None
         if a scan objects, or hardly anything agrees."""
-        target, source = self._edges.ends[row]
-        # Straight, since what rounding adds would double with every inverse of an inverse.
-        T = straightened(first[target] @ self._edges.T_target_source[row] @ invert(second[source]))
+        if self._objects_again(row, first, second):
+            return None
+        T = self._between(row, first, second)
         moved: dict[int, FloatArray] = {scan: T @ pose for scan, pose in second.items()}
         shares, against, excess, limit = {}, {}, 0.0, self._standards.limit
         for a, b, T_a_b in self.witness.meeting(first, moved):
             overlap, violation = self.witness.about(a, b, T_a_b)
             beyond = max(violation - STRAY_SHARE, 0.0)
-            if beyond > limit or overlap > self._standards.most_overlap:
+            if self._objects(overlap, beyond):
+                self._objections[row] = (a, b), self._lying(row, a, b, first, second)
                 return None
             excess += beyond
             if overlap > 0:
@@ -142,6 +151,48 @@ class Builder:
         if support < MIN_SUPPORT or excess > limit * (support + LITTLE_OVERLAP):
             return None
         return moved, shares, against
+
+    def _objects(self, overlap: float, excess: float) -> bool:
+        """Whether a pair of scans refutes a join."""
+        return excess > self._standards.limit or overlap > self._standards.most_overlap
+
+    def _between(
+        self, row: int, first: dict[int, FloatArray], second: dict[int, FloatArray]
+    ) -> FloatArray:
+        """(4, 4) the second group's frame in the first's, by an edge."""
+        (target, source), T_target_source = self._edges.ends[row], self._edges.T_target_source[row]
+        if target in second:
+            target, source, T_target_source = source, target, invert(T_target_source)
+        T = first[target] @ T_target_source @ invert(second[source])
+        # Straight, since what rounding adds would double with every inverse of an inverse.
+        return straightened(T)
+
+    def _objects_again(
+        self, row: int, first: dict[int, FloatArray], second: dict[int, FloatArray]
+    ) -> bool:
+        """Whether the pair that objected to an edge before does so to this join, too."""
+        if row not in self._objections:
+            return False
+        (a, b), before = self._objections[row]
+        if not ((a in first and b in second) or (a in second and b in first)):
+            return False
+        now = self._lying(row, a, b, first, second)
+        if all(map(operator.is_, now, before)):  # nothing has moved
+            return True
+        T = self._between(row, first, second)
+        here, there = (T @ second[one] if one in second else first[one] for one in (a, b))
+        overlap, violation = self.witness.about(a, b, invert(here) @ there)
+        objects = self._objects(overlap, violation - STRAY_SHARE)
+        if objects:
+            self._objections[row] = (a, b), now
+        return objects
+
+    def _lying(
+        self, row: int, a: int, b: int, first: dict[int, FloatArray], second: dict[int, FloatArray]
+    ) -> tuple[FloatArray, ...]:
+        """The poses from which follows how a pair of scans would lie after a join."""
+        scans = *self._edges.ends[row].tolist(), a, b
+        return tuple(first[scan] if scan in first else second[scan] for scan in scans)
 
 
 def edges_of(proposals: Mapping[PairKey, Proposals], standards: Standards) -> Edges:
@@ -162,4 +213,4 @@ def edges_of(proposals: Mapping[PairKey, Proposals], standards: Standards) -> Ed
 
 def all_alone(scans: Sequence[int]) -> Configuration:
     """No two scans joined."""
-    return Configuration(tuple({scan: np.eye(4)} for scan in scans), {}, {})
+    return Configuration(tuple({scan: ALONE} for scan in scans), {}, {})

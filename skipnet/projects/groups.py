@@ -42,6 +42,12 @@ class Proposals:
     confidence: float
     """Of the first, if it is registered; else 0."""
 
+    @property
+    def answer(self) -> Proposals:
+        """The first alone."""
+        T, overlap, violation = self.T_target_source[:1], self.overlap[:1], self.violation[:1]
+        return Proposals(T, overlap, violation, self.confidence)
+
 
 @dataclass(frozen=True)
 class Group:

@@ -14,7 +14,7 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.components import components
-from skipnet.projects.configurations import Builder, Configuration, all_alone, edges_of
+from skipnet.projects.configurations import ALONE, Builder, Configuration, all_alone, edges_of
 from skipnet.projects.groups import SAME_VOXELS, Proposals
 from skipnet.projects.ways import PairKey, Standards
 from skipnet.projects.witness import MIN_OVERLAP, Witness
@@ -77,13 +77,17 @@ def configurations(
         made = builder.build(alone, rng)
         found.setdefault(_name(made, builder.witness), made)
     while True:
-        best = _improved(max(found.values(), key=_merit), builder, rng, found)
+        best = reached = _improved(max(found.values(), key=_merit), builder, rng, found)
         for scan in scans:
             without = builder.following(best, scan)
-            for _ in range(TRIES_ELSEWHERE):
-                made = builder.build(_taken_apart(best, rng, scan), rng, without)
+            others = [
+                builder.build(_taken_apart(best, rng, scan), rng, without)
+                for _ in range(TRIES_ELSEWHERE)
+            ]
+            for made in others:
                 found.setdefault(_name(made, builder.witness), made)
-        if max(map(_merit, found.values())) <= best.merit + WORTH_GOING_ON:
+            best = max([best, *others], key=_merit)
+        if best.merit <= reached.merit + WORTH_GOING_ON:
             break
     best = max(found.values(), key=_merit)
     least = ABOUT_AS_GOOD * best.merit
@@ -130,7 +134,7 @@ def _taken_apart(
             likely[number] += 10 * shares.get(key, float(scan == middle))
     out = {scans[row] for row in np.argsort(-likely, kind="stable")[:count]}
     tied = [k for k, share in shares.items() if share >= MIN_OVERLAP and not out & set(k)]
-    parts: list[dict[int, FloatArray]] = [{scan: np.eye(4)} for scan in sorted(out)]
+    parts: list[dict[int, FloatArray]] = [{scan: ALONE} for scan in sorted(out)]
     for one in configuration.poses:
         rest = sorted(set(one) - out)
         inside = [key for key in tied if key[0] in one]

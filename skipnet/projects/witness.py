@@ -25,11 +25,15 @@ LITTLE_OVERLAP = 0.1
 """Added to what agrees: of scans that share next to nothing a stray voxel says little."""
 MIN_OVERLAP = 0.03
 """A pair of scans of which less agrees says nothing for a place."""
+GLANCE_SAMPLES = 1000
+"""Voxels of each scan that are looked at first: ..."""
+GROSS = 2.0
+"""... what contradicts by so many times more than is hopeless is seen in these."""
 _DIGITS = 6
 """Of a pose, by which one is known that has been asked about."""
-_SAME_SHIFT_VOXELS = 0.1
+_SAME_SHIFT_VOXELS = 0.3
 """In a search for places, a pose is taken for one that is shifted by no more than this ..."""
-_SAME_TURN = 0.005
+_SAME_TURN = 0.01
 """... and of which no axis differs by more."""
 _WEIGHT = 10.0
 """Of violations in the judge's total, which nobody asks for here."""
@@ -67,6 +71,12 @@ class Witness:
         self._about: dict[tuple[int, int, bytes], tuple[float, float]] = {}
         self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
         self.voxel_size_m = evidence[0].voxel_size_m
+        # Of each scan (4, 3) what tells one pose from another: two axes and the centre, in steps.
+        self._told_by = np.zeros((len(evidence), 4, 3))
+        self._told_by[:, :2, :2] = np.eye(2) / _SAME_TURN
+        self._told_by[:, 3, 2] = 1.0
+        self._told_by[:, :3, 2] = self.centres_m
+        self._told_by[:, :, 2] /= _SAME_SHIFT_VOXELS * self.voxel_size_m
         self.hopeless = np.inf
         """A single pair that contradicts by more ends the matter."""
         self.reach_m = [
@@ -86,14 +96,15 @@ class Witness:
 
     def about(self, target: int, source: int, T_target_source: FloatArray) -> tuple[float, float]:
         """Overlap and violation of a (4, 4) pose, or of one by a tenth of a voxel beside it that
-        has been asked about."""
-        moved_m = T_target_source[:3, :3] @ self.centres_m[source] + T_target_source[:3, 3]
-        steps = np.append(
-            T_target_source[:3, :2] / _SAME_TURN, moved_m / (_SAME_SHIFT_VOXELS * self.voxel_size_m)
-        )
-        key = target, source, steps.round().astype(np.int32).tobytes()
+        has been asked about; at a glance where that is refuted without doubt."""
+        steps = T_target_source[:3] @ self._told_by[source]
+        key = target, source, np.rint(steps).astype(np.int32).tobytes()
         if key not in self._about:
-            overlap, violation = self._ask(target, source, T_target_source[None])[:, 0]
+            T = T_target_source[None]
+            overlap, violation = self._ask(target, source, T, GLANCE_SAMPLES)[:, 0]
+            is_refuted, sees_nothing = violation > GROSS * self.hopeless, overlap == violation == 0
+            if not is_refuted and not sees_nothing:
+                overlap, violation = self._ask(target, source, T)[:, 0]
             self._about[key] = float(overlap), float(violation)
         return self._about[key]
 
@@ -107,32 +118,40 @@ class Witness:
             targets: (4, 4) pose of each scan.
             sources: likewise, in the same frame.
         """
-        firsts, seconds = list(targets), list(sources)
+        firsts, seconds = np.array(list(targets)), np.array(list(sources))
+        of_firsts, of_seconds = (np.stack(list(poses.values())) for poses in (targets, sources))
+        centres_m, reach_m = np.asarray(self.centres_m), np.asarray(self.reach_m)
         here_m, there_m = (
-            np.array([T[:3, :3] @ self.centres_m[scan] + T[:3, 3] for scan, T in poses.items()])
-            for poses in (targets, sources)
+            np.einsum("sij,sj->si", T[:, :3, :3], centres_m[scans]) + T[:, :3, 3]
+            for T, scans in ((of_firsts, firsts), (of_seconds, seconds))
         )
         apart_m = np.linalg.norm(here_m[:, None] - there_m, axis=2)
-        reach_m = np.asarray(self.reach_m)
-        met = np.argwhere(apart_m < np.add.outer(reach_m[firsts], reach_m[seconds]))
-        for i, k in met[np.argsort(apart_m[tuple(met.T)], kind="stable")]:
-            a, b = firsts[i], seconds[k]
-            if a < b:
-                yield a, b, invert(targets[a]) @ sources[b]
-            else:
-                yield b, a, invert(sources[b]) @ targets[a]
+        i, k = np.nonzero(apart_m < np.add.outer(reach_m[firsts], reach_m[seconds]))
+        order = np.argsort(apart_m[i, k], kind="stable")
+        i, k = i[order], k[order]
+        a, b = firsts[i], seconds[k]
+        in_order = (a < b)[:, None, None]
+        T_a, T_b = (
+            np.where(in_order, one, other)
+            for one, other in ((of_firsts[i], of_seconds[k]), (of_seconds[k], of_firsts[i]))
+        )
+        yield from zip(
+            np.minimum(a, b).tolist(), np.maximum(a, b).tolist(), invert(T_a) @ T_b, strict=True
+        )
 
-    def judge(self, target: int, source: int) -> Judge:
+    def judge(self, target: int, source: int, samples: int = SAMPLES) -> Judge:
         """The judge of one pair."""
-        return Judge(self._evidence[source], self._evidence[target], SAMPLES, _WEIGHT)
+        return Judge(self._evidence[source], self._evidence[target], samples, _WEIGHT)
 
-    def _ask(self, target: int, source: int, T_target_source: FloatArray) -> FloatArray:
+    def _ask(
+        self, target: int, source: int, T_target_source: FloatArray, samples: int = SAMPLES
+    ) -> FloatArray:
         result = np.zeros((2, len(T_target_source)))
         there_m = T_target_source[:, :3, :3] @ self.centres_m[source] + T_target_source[:, :3, 3]
         apart_m = np.linalg.norm(there_m - self.centres_m[target], axis=1)
         near = np.flatnonzero(apart_m < self.reach_m[target] + self.reach_m[source])
         if len(near):
-            score = self.judge(target, source).score(T_target_source[near], SURE)
+            score = self.judge(target, source, samples).score(T_target_source[near], SURE)
             result[:, near] = score.overlap, score.violation
         return result
 
