@@ -139,9 +139,9 @@ class Arbiter:
                 holds = bool(self._joiner.proposed(first, key)[0])
                 held, refuted = held + holds, refuted + (not holds)
             else:
-                ways = self._joiner.ways(*sorted((first, second), key=lambda g: g.scans))
-                own = [way for way in ways if key in way.voters and way.trust > 0]
-                refuted += all(way.contradiction > standards.limit for way in own)
+                T = first.poses[key[0]] @ pair.T_target_source[0] @ invert(second.poses[key[1]])
+                said = self._joiner.witness.all_pairs(first.poses, second.poses, T[None])
+                refuted += bool(said.contradiction[0] > standards.limit)
         return held / (held + refuted) if held + refuted else 1.0
 
     def _lies_on_another(self, groups: list[Group]) -> bool:
