@@ -9,8 +9,8 @@ import numpy as np
 from skipnet.geometry import invert
 from skipnet.projects.assembly import numbered
 from skipnet.projects.configurations import Configuration
-from skipnet.projects.groups import SAME_VOXELS, Group, Joiner
-from skipnet.projects.witness import leaders
+from skipnet.projects.groups import Group, Joiner
+from skipnet.projects.sameness import same_place
 
 WORTH_A_DOUBT = 0.3
 """Another configuration counts in which less is lost than this share of what agrees between scans
@@ -91,10 +91,11 @@ def _alike(one: Configuration, other: Configuration, joiner: Joiner) -> list[lis
 
     A part that merely was not joined in the other, and joined nothing else, is where it was.
     """
-    result = []
+    result, group_of = [], {scan: group for group in other.groups for scan in group.poses}
     for group in one.groups:
+        seconds = {group_of[scan].scans[0]: group_of[scan] for scan in group.scans}
         parts = [
-            (second, part) for second in other.groups for part in _common(group, second, joiner)
+            (second, part) for second in seconds.values() for part in _common(group, second, joiner)
         ]
         main, most = max(parts, key=lambda part: (len(part[1]), [-scan for scan in part[1]]))
         stays = [
@@ -110,20 +111,12 @@ def _alike(one: Configuration, other: Configuration, joiner: Joiner) -> list[lis
 
 def _common(group: Group, other: Group, joiner: Joiner) -> list[list[int]]:
     """Scans of both groups, in parts that lie in both alike."""
-    witness, size_m = joiner.witness, SAME_VOXELS * joiner.witness.voxel_size_m
     parts, left = [], [scan for scan in group.scans if scan in other.poses]
+    T_group, T_other = (np.stack([g.poses[scan] for scan in left]) for g in (group, other))
     while left:
-        motion = other.poses[left[0]] @ invert(group.poses[left[0]])
-        same = left[:1] + [
-            scan
-            for scan in left[1:]
-            if leaders(
-                np.stack([motion @ group.poses[scan], other.poses[scan]]),
-                witness.centres_m[scan],
-                size_m,
-            )[1]
-            == 0
-        ]
-        parts.append(same)
-        left = [scan for scan in left if scan not in same]
+        motion = T_other[0] @ invert(T_group[0])
+        same = same_place(joiner.witness, left, motion @ T_group, T_other)
+        parts.append([scan for scan, is_same in zip(left, same, strict=True) if is_same])
+        left = [scan for scan in left if scan not in parts[-1]]
+        T_group, T_other = T_group[~same], T_other[~same]
     return parts

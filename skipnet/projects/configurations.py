@@ -5,13 +5,15 @@ from __future__ import annotations
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from skipnet.geometry import invert, straightened
-from skipnet.projects.groups import SAME_VOXELS, Group, Proposals
+from skipnet.projects.groups import Group, Proposals
+from skipnet.projects.sameness import same_place
 from skipnet.projects.ways import MIN_SUPPORT, PairKey, Standards
-from skipnet.projects.witness import LITTLE_OVERLAP, MIN_OVERLAP, STRAY_SHARE, Witness, leaders
+from skipnet.projects.witness import LITTLE_OVERLAP, MIN_OVERLAP, STRAY_SHARE, Witness
 from skipnet.types import BoolArray, FloatArray, IntArray
 
 SPREAD = 0.7
@@ -33,7 +35,7 @@ class Configuration:
     stray voxels included: where scans stand right next to none do, and few tell alike rooms
     apart."""
 
-    @property
+    @cached_property
     def merit(self) -> float:
         """How much agrees, less what contradicts: a limit's worth of it outweighs a whole scan.
 
@@ -41,7 +43,7 @@ class Configuration:
         """
         return round(sum(self.shares.values()) - sum(self.against.values()), 6)
 
-    @property
+    @cached_property
     def groups(self) -> list[Group]:
         """The largest first."""
         made = [
@@ -83,9 +85,7 @@ class Builder:
             target, source = ends[row]
             if target in poses and source in poses:
                 T = invert(poses[target]) @ poses[source]
-                both = np.stack([T, self._edges.T_target_source[row]])
-                size_m = SAME_VOXELS * witness.voxel_size_m
-                result[row] = leaders(both, witness.centres_m[source], size_m)[1] == 0
+                result[row] = same_place(witness, source, T, self._edges.T_target_source[row])
         return result
 
     def build(

@@ -13,12 +13,11 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.sameness import SAME_VOXELS, leaders, same_place
 from skipnet.projects.ways import PairKey, Standards, Way, rivals
-from skipnet.projects.witness import Testimony, Witness, leaders
+from skipnet.projects.witness import Testimony, Witness
 from skipnet.types import BoolArray, FloatArray
 
-SAME_VOXELS = 3.0
-"""Two links put a group in about the same place when its centre is less than this apart."""
 MAX_WAYS = 12
 """Ways to join two groups that are looked at: those of which most agrees in the pairs' own eyes."""
 MIN_UNTRUSTED_SUPPORT = 0.15
@@ -149,10 +148,7 @@ class Joiner:
         if key not in self.proposals:
             return np.zeros(0, dtype=bool)
         T = invert(group.poses[key[0]]) @ group.poses[key[1]]
-        stack = np.concatenate([T[None], self.proposals[key].T_target_source])
-        size_m = SAME_VOXELS * self.witness.voxel_size_m
-        same: BoolArray = leaders(stack, self.witness.centres_m[key[1]], size_m)[1:] == 0
-        return same
+        return same_place(self.witness, key[1], T, self.proposals[key].T_target_source)
 
     def _find_ways(self, first: Group, second: Group) -> list[Way]:
         found = [

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 
-import numpy as np
-
 from skipnet.geometry import invert
 from skipnet.projects.configurations import edges_of
-from skipnet.projects.groups import SAME_VOXELS, Group, Joiner
+from skipnet.projects.groups import Group, Joiner
+from skipnet.projects.sameness import same_place
 from skipnet.projects.ways import Standards
-from skipnet.projects.witness import LITTLE_OVERLAP, STRAY_SHARE, Witness, leaders
+from skipnet.projects.witness import LITTLE_OVERLAP, STRAY_SHARE, Witness
 from skipnet.types import FloatArray
 
 
@@ -46,10 +45,8 @@ def best_misfit(
 
 def _stands(witness: Witness, group: Group, scan: int, place: FloatArray) -> bool:
     """Whether a scan is in a place of a group."""
-    if scan not in group.poses:
-        return False
-    both, size_m = np.stack([group.poses[scan], place]), SAME_VOXELS * witness.voxel_size_m
-    return bool(leaders(both, witness.centres_m[scan], size_m)[1] == 0)
+    here = group.poses.get(scan)
+    return here is not None and bool(same_place(witness, scan, here, place))
 
 
 def _agrees(

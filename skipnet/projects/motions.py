@@ -14,9 +14,10 @@ from itertools import combinations
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.groups import SAME_VOXELS, Group, Joiner
+from skipnet.projects.groups import Group, Joiner
+from skipnet.projects.sameness import SAME_VOXELS, leaders
 from skipnet.projects.ways import MIN_SUPPORT, RIVAL_CONTRADICTION, PairKey, Standards
-from skipnet.projects.witness import STRAY_SHARE, leaders
+from skipnet.projects.witness import STRAY_SHARE
 from skipnet.types import FloatArray
 
 MAX_MOTIONS = 40

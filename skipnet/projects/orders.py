@@ -15,7 +15,8 @@ import numpy as np
 from skipnet.geometry import invert
 from skipnet.projects.components import components
 from skipnet.projects.configurations import ALONE, Builder, Configuration, all_alone, edges_of
-from skipnet.projects.groups import SAME_VOXELS, Proposals
+from skipnet.projects.groups import Proposals
+from skipnet.projects.sameness import SAME_VOXELS
 from skipnet.projects.ways import PairKey, Standards
 from skipnet.projects.witness import MIN_OVERLAP, Witness
 from skipnet.types import FloatArray

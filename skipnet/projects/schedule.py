@@ -9,8 +9,9 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.groups import Proposals
+from skipnet.projects.sameness import leaders
 from skipnet.projects.ways import PairKey
-from skipnet.projects.witness import Witness, leaders
+from skipnet.projects.witness import Witness
 from skipnet.registration.generators import propose
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import ROUGH

@@ -212,29 +212,3 @@ class Witness:
         met = np.argwhere(near.any(axis=2))
         order = np.argsort(apart_m.min(axis=2)[tuple(met.T)], kind="stable")
         return [(firsts[i], seconds[k], near[i, k]) for i, k in met[order]]
-
-
-def leaders(
-    T: FloatArray, centre_m: FloatArray, max_shift_m: float, max_angle_rad: float = 0.05
-) -> IntArray:
-    """(K,) for each of (K, 4, 4) poses the first one that is about the same.
-
-    Args:
-        T: poses, the most trusted first.
-        centre_m: (3,) the point whose shift tells how far two poses are apart.
-        max_shift_m: poses that put it closer together than this are about the same ...
-        max_angle_rad: ... if they are also turned by less than this.
-    """
-    rotations = T[:, :3, :3].reshape(-1, 9)
-    moved_m = T[:, :3, :3] @ centre_m + T[:, :3, 3]
-    # By a matrix product: differences of all with all are the slowest part of growing groups.
-    moved_m = moved_m - moved_m.mean(axis=0)
-    square_m2 = np.sum(moved_m**2, axis=1)
-    apart_m2 = square_m2[:, None] + square_m2 - 2 * moved_m @ moved_m.T
-    same = rotations @ rotations.T >= 1 + 2 * np.cos(max_angle_rad)
-    same &= apart_m2 <= max_shift_m**2
-    leader = np.full(len(T), -1)
-    for row in range(len(T)):
-        if leader[row] < 0:
-            leader[same[row] & (leader < 0)] = row
-    return leader

@@ -139,7 +139,8 @@ def _doubts(result: Assembly, names: Sequence[str]) -> list[str]:
         if count == 0:
             told += "shares nothing with the others that would hold it. A scan between helps."
         elif count == 1:
-            told += "may stand where the 3-D view shows it, but too little confirms it."
+            told += "may stand where the 3-D view shows it, but too little confirms it. "
+            told += "A scan that sees this place and more of the others settles it."
         else:
             told += f"fits in {count} places about equally well. A scan from between them helps."
         parts.append(told)

@@ -14,18 +14,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
-import numpy as np
-
 from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts
 from skipnet.projects.arbiter import STRICT
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
 from skipnet.projects.configurations import Configuration
-from skipnet.projects.groups import SAME_VOXELS, Group, Joiner, in_order
+from skipnet.projects.groups import Group, Joiner, in_order
 from skipnet.projects.orders import configurations
+from skipnet.projects.sameness import same_place
 from skipnet.projects.ways import MOST_OVERLAP, PairKey
-from skipnet.projects.witness import MIN_OVERLAP, leaders
+from skipnet.projects.witness import MIN_OVERLAP
 from skipnet.types import FloatArray
 
 LEAST_SHARE = 0.15
@@ -92,14 +91,8 @@ def _is_torn(joiner: Joiner, groups: Sequence[Group], scan: int) -> bool:
         first, second = in_order(group, alone) if group.poses else (alone, alone)
         for way in joiner.ways(first, second) if group.poses else []:
             there = way.T if second is alone else invert(way.T)
-            is_true = group is rest and _is_same(joiner, scan, T, there)
+            is_true = group is rest and bool(same_place(joiner.witness, scan, T, there))
             fits = way.contradiction <= STRICT.limit and way.support >= AS_WELL * support
             if fits and not is_true:
                 return True
     return False
-
-
-def _is_same(joiner: Joiner, scan: int, T: FloatArray, other: FloatArray) -> bool:
-    witness = joiner.witness
-    size_m = SAME_VOXELS * witness.voxel_size_m
-    return bool(leaders(np.stack([T, other]), witness.centres_m[scan], size_m)[1] == 0)

@@ -18,9 +18,9 @@ from skipnet.projects.components import components
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.groups import Group, Joiner, Proposals
 from skipnet.projects.motions import rival_split
+from skipnet.projects.sameness import leaders
 from skipnet.projects.tightening import tightened
 from skipnet.projects.ways import Standards, rivals
-from skipnet.projects.witness import leaders
 
 STRICT = Standards(limit=0.002, rival_support=0.4)
 
