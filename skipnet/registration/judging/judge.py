@@ -23,7 +23,7 @@ from skipnet.registration.judging.score import (
     Strictness,
     violation_cost,
 )
-from skipnet.registration.judging.states import facing, states
+from skipnet.registration.judging.states import facing, matches, states
 from skipnet.scans.evidence import Evidence
 from skipnet.types import FloatArray, IntArray
 
@@ -92,6 +92,14 @@ class Judge:
         total = support * np.exp(-self.violation_weight * violation_cost(contradiction))
         total *= np.exp(-MISMATCH_WEIGHT * mismatch / np.maximum(support, 1e-3))
         return Score(total, overlap, violation, support, contradiction, mismatch)
+
+    def overlap(self, T_target_source: FloatArray, strictness: Strictness) -> FloatArray:
+        """(C,) as ``score`` says of (C, 4, 4) poses, and nothing else."""
+        there = _matched(T_target_source, self.source, self.target, self.samples, strictness)
+        back = _matched(
+            invert(T_target_source), self.target, self.source, self.samples, strictness
+        )
+        return 0.5 * (there + back)
 
     def decisiveness(
         self, T_best: FloatArray, T_rivals: FloatArray, is_motion: bool = False
@@ -203,3 +211,11 @@ def _one_way(
     count, worth = a.shares(samples)
     violation, contradiction = b.trust * (free @ count), b.trust * (free @ worth)
     return np.stack([match @ count, violation, match @ worth, contradiction, beside @ worth])
+
+
+def _matched(
+    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
+) -> FloatArray:
+    """(C,) share of a's voxels that match b."""
+    share: FloatArray = matches(T_b_a, a, b, samples, strictness)[0] @ a.shares(samples)[0]
+    return share

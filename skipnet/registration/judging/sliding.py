@@ -132,11 +132,14 @@ def moves_freely(
     as_good = sides[score.total[sides] > (1 - MIN_DROP) * score.total[1]]
     if len(as_good) == 0:
         return False
-    # On gentle ground half a voxel is much: what is as good must be so closely, too ...
+    # By what tells the places apart, though it be little of all that is seen ...
+    decisive = judge.decisiveness(moved[1], moved[as_good], is_motion=True)
+    as_good = as_good[decisive < MIN_DECISIVE]
+    if len(as_good) == 0:
+        return False
+    # ... and on gentle ground half a voxel is much: what is as good must be so closely, too.
     closer = judge.closer(moved, score).total
-    as_good = as_good[closer[as_good] > (1 - MIN_CLOSE_DROP) * closer[1]]
-    # ... and by what tells the places apart, though it be little of all that is seen.
-    return bool((judge.decisiveness(moved[1], moved[as_good], is_motion=True) < MIN_DECISIVE).any())
+    return bool((closer[as_good] > (1 - MIN_CLOSE_DROP) * closer[1]).any())
 
 
 def _moved(T_target_source: FloatArray, direction: FloatArray, steps_m: FloatArray) -> FloatArray:
