@@ -150,12 +150,19 @@ class Judge:
         centre_m, apart_m = self.source.centre_m, 2 * self.voxel_size_m
         return order[distinct(T_target_source[order], centre_m, apart_m)]
 
+    def others(
+        self, T_best: FloatArray, T_target_source: FloatArray, voxels: float = 2.0
+    ) -> IntArray:
+        """Rows of the (C, 4, 4) poses that differ from a (4, 4) one, and from all before them."""
+        poses = np.concatenate([T_best[None], T_target_source])
+        rows: IntArray = distinct(poses, self.source.centre_m, voxels * self.voxel_size_m)[1:] - 1
+        return rows
+
     def apart(self, T_best: FloatArray, T_target_source: FloatArray) -> FloatArray:
         """Those of (C, 4, 4) poses that are others than a (4, 4) one, and may rival it."""
-        poses = np.concatenate([T_best[None], T_target_source])
-        rows = distinct(poses, self.source.centre_m, APART_VOXELS * self.voxel_size_m)[1:]
-        total = self.score(poses[np.append(0, rows)], ROUGH).total
-        return poses[rows[total[1:] >= HOPELESS * total[0]]]
+        poses = T_target_source[self.others(T_best, T_target_source, APART_VOXELS)]
+        total = self.score(np.concatenate([T_best[None], poses]), ROUGH).total
+        return poses[total[1:] >= HOPELESS * total[0]]
 
     def shortlist(self, T_target_source: FloatArray) -> FloatArray:
         """Judge (C, 4, 4) candidates with few samples, the better ones with more.
