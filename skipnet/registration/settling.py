@@ -72,11 +72,9 @@ def realigned(running: Contenders, aligner: Aligner) -> Contenders:
     return again[aligner.judge.distinct(again.T_target_source, again.score)]
 
 
-def rivalled(
-    answer: Answer, fresh: FloatArray, running: Contenders, aligner: Aligner
-) -> Answer:
-    """A registered answer after (C, 4, 4) fresh candidates: they cost it some of its lead, or, where
-    they might be as good, all are aligned once more and weighed again."""
+def rivalled(answer: Answer, fresh: FloatArray, running: Contenders, aligner: Aligner) -> Answer:
+    """A registered answer after (C, 4, 4) fresh candidates: they cost it some of its lead, or,
+    where they might be as good, all are aligned once more and weighed again."""
     found = answer.findings
     assert found is not None
     rivals, top = aligned(fresh, running, aligner), running.best_total

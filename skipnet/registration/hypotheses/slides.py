@@ -75,7 +75,8 @@ class _Slides:
         along_m = target_m @ self.direction
         first_m, last_m = along_m.min() - moved_m.max(), along_m.max() - moved_m.min()
         if last_m - first_m > MOST_STEPS * voxel_size_m:
-            middle_m, half_m = np.median(along_m) - np.median(moved_m), MOST_STEPS / 2 * voxel_size_m
+            middle_m = np.median(along_m) - np.median(moved_m)
+            half_m = MOST_STEPS / 2 * voxel_size_m
             first_m, last_m = max(first_m, middle_m - half_m), min(last_m, middle_m + half_m)
         return first_m, last_m
 

@@ -96,9 +96,7 @@ class Judge:
     def overlap(self, T_target_source: FloatArray, strictness: Strictness) -> FloatArray:
         """(C,) as ``score`` says of (C, 4, 4) poses, and nothing else."""
         there = _matched(T_target_source, self.source, self.target, self.samples, strictness)
-        back = _matched(
-            invert(T_target_source), self.target, self.source, self.samples, strictness
-        )
+        back = _matched(invert(T_target_source), self.target, self.source, self.samples, strictness)
         return 0.5 * (there + back)
 
     def decisiveness(
