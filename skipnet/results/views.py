@@ -21,6 +21,8 @@ from skipnet.viz.viewer import MOST_POINTS, viewer
 
 _FAR_EXTENTS = 5.0
 """Scans farther apart than so many of their extents are shown moved together."""
+_ASKED = 20_000
+"""Points that tell how far."""
 MOST_ALTERNATIVES = 8
 """Poses beside the best that get a button; result.json has all."""
 
@@ -123,6 +125,7 @@ def moved_together(source_m: FloatArray, target_m: FloatArray) -> tuple[FloatArr
     """The (4, 4) shift that brings a scan beside another, none where it is not far from it, and
     how far it is."""
     T = np.eye(4)
+    source_m, target_m = (one[:: 1 + len(one) // _ASKED] for one in (source_m, target_m))
     apart_m = np.median(target_m, axis=0) - np.median(source_m, axis=0)
     extent_m = max(float(np.ptp(points_m, axis=0).max()) for points_m in (source_m, target_m))
     if np.linalg.norm(apart_m) > _FAR_EXTENTS * extent_m:
