@@ -147,7 +147,7 @@ def _in_front(
     points_m: FloatArray,
     asked: BoolArray,
     nearest_m: FloatArray,
-    limits: tuple[float, float],
+    limits: tuple[np.float32, np.float32],
     places: tuple[IntArray, FloatArray],
     front: BoolArray,
 ) -> None:

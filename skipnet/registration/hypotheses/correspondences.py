@@ -75,7 +75,7 @@ def common_neighbours(compatible: BoolArray) -> FloatArray:
 
 
 @inlined
-def _ones(bits: int) -> int:
+def _ones(bits: np.uint64) -> np.uint64:
     """How many of 64 bits are set."""
     bits -= (bits >> np.uint64(1)) & np.uint64(0x5555555555555555)
     fours = np.uint64(0x3333333333333333)

@@ -109,9 +109,7 @@ def _plane_translations(
     return Hypotheses(make_transform(rotations, translations_m[best]), support[best])
 
 
-def _solved(
-    directions: FloatArray, votes: list[tuple[FloatArray, FloatArray]]
-) -> list[FloatArray]:
+def _solved(directions: FloatArray, votes: list[tuple[FloatArray, FloatArray]]) -> list[FloatArray]:
     """(M, 3) translations from the peaks of each three directions that are far from one plane."""
     triples = np.array(list(combinations(range(len(directions)), 3)), dtype=np.int64)
     if len(triples) == 0:
