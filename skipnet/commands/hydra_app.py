@@ -87,13 +87,18 @@ def run(
             return exit_code(_run_plainly(name, shown_task, _as_object(own)))
         return _run_hydra(name, schema, shown_task, config_dir, exit_code, arguments, as_rows)
     except (Exception, KeyboardInterrupt) as error:
-        if was_interrupted(error):
-            print(f"{name}: interrupted; what was written before is whole", file=sys.stderr)
-            _end_now()
-        if not is_user_error(error) or os.environ.get(FULL_ERROR) == "1":
-            raise
-        print(f"{name.replace('/', ' ')}: {one_line(error)}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+        return _after(error, name)
+
+
+def _after(error: BaseException, name: str) -> int:
+    """The exit code after an error that is the user's, which is said; others are raised."""
+    if was_interrupted(error):
+        print(f"{name}: interrupted; what was written before is whole", file=sys.stderr)
+        _end_now()
+    if not is_user_error(error) or os.environ.get(FULL_ERROR) == "1":
+        raise error
+    print(f"{name.replace('/', ' ')}: {one_line(error)}", file=sys.stderr)
+    return EXIT_BAD_INPUT
 
 
 def _shown(

@@ -53,8 +53,6 @@ MORE_MISMATCH = 0.03
 situations in development no registered right pose has such a rival with more than a quarter of its
 support; stairs and rows of trailers have 0.68 and more."""
 SAME_TURN_COSINE = float(np.cos(0.05))
-RISES = 1.5
-"""Times that a candidate's score may rise when it is aligned once more."""
 MIN_THICKNESS_VOXELS = 0.5
 """A scan whose voxels scatter by less about their plane is that plane."""
 MIN_SPARSE_HOLD = 6.0
@@ -177,22 +175,6 @@ def _repeats(
     for row in np.flatnonzero(repeated):
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])
     return repeated
-
-
-def may_rival(score: Score, found: Findings, best_total: float) -> BoolArray:
-    """(C,) which candidates might explain the data as well as the best pose, if they are aligned
-    once more, by what is asked of them first.
-
-    Args:
-        score: of the candidates.
-        found: about the best pose.
-        best_total: its score.
-    """
-    share = REPEATED_ON_MAP if found.is_blind else REPEATED_SCORE
-    may: BoolArray = RISES * score.total >= max(share * best_total, REPEATED_TOTAL)
-    if RISES * found.violation >= HARMFUL_VIOLATION:
-        may |= RISES * score.overlap >= HARMLESS_OVERLAP
-    return may
 
 
 def _slips(judge: Judge, fine: Refinement, T_target_source: FloatArray, row: int) -> bool:

@@ -10,12 +10,22 @@ from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
-from skipnet.registration.examining import AMBIGUOUS_MARGIN, find_out, held_voxels, may_rival
+from skipnet.registration.examining import (
+    AMBIGUOUS_MARGIN,
+    HARMFUL_VIOLATION,
+    HARMLESS_OVERLAP,
+    REPEATED_ON_MAP,
+    REPEATED_SCORE,
+    REPEATED_TOTAL,
+    find_out,
+    held_voxels,
+)
+from skipnet.registration.findings import Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
 from skipnet.registration.verdict import decide, may_be_registered
 from skipnet.scans.scan import Scan
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 COMPARED_LEAD = 0.3
 """Poses that score less than the best one by at most this share of it are compared voxel by voxel
@@ -29,6 +39,8 @@ CLOSE_MARGIN = 0.5
 LITTLE_GAINED = 2.0
 """By how much a confidence's logit may rise where a slide makes a score rise by three tenths, and
 the lead with it. (A slide out of what was seen as free can make it rise by 4.)"""
+RISES = 1.5
+"""Times that a candidate's score may rise when it is aligned once more."""
 FINALISTS = 10
 """Poses that stay in the running when the next generator is asked."""
 
@@ -84,6 +96,22 @@ def rivalled(answer: Answer, fresh: FloatArray, running: Contenders, aligner: Al
         return settle(realigned(everyone, aligner), aligner)
     found = replace(found, margin=min(found.margin, 1 - rivals.best_total / top))
     return replace(answer, verdict=decide(found), findings=found)
+
+
+def may_rival(score: Score, found: Findings, best_total: float) -> BoolArray:
+    """(C,) which candidates might explain the data as well as the best pose, if they are aligned
+    once more, by what is asked of them first.
+
+    Args:
+        score: of the candidates.
+        found: about the best pose.
+        best_total: its score.
+    """
+    share = REPEATED_ON_MAP if found.is_blind else REPEATED_SCORE
+    may: BoolArray = RISES * score.total >= max(share * best_total, REPEATED_TOTAL)
+    if RISES * found.violation >= HARMFUL_VIOLATION:
+        may |= RISES * score.overlap >= HARMLESS_OVERLAP
+    return may
 
 
 def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> Answer:
