@@ -19,6 +19,8 @@ It takes half a minute where nothing is kept yet; the first registration then st
 NUMBA_CACHE_DIR names the folder; otherwise it is the package's own or the user's cache."""
 ROOM_M = (-4.0, -3.0, -1.5), (5.0, 3.5, 1.2)
 """Two corners of what the simulated scanner stands in."""
+WIDE = 1 << 12
+"""Voxels along every axis: so far that blocks of a table share places."""
 _DPI = 30
 DENSE_BEAMS = 20_000
 RINGS, RING_BEAMS = 16, 1000
@@ -47,8 +49,12 @@ def compile_usual() -> None:
     """
     from skipnet.registration.pipeline import register
     from skipnet.results.skipmaps import skipmaps_of
+    from skipnet.skipmap.cell_table import CellTable
     from skipnet.viz.pictures import draw_before_after
 
+    wide = CellTable(np.array([[0, 0, 0], [WIDE, WIDE, WIDE]]), 1.0, np.zeros(3))
+    for precision in (np.float64, np.float32):  # as few scans are
+        wide.find_moved(np.eye(4)[None], np.zeros((1, 3), precision))
     pairs = list(_pairs())
     for source_m, target_m, options in counted("pairs", pairs, len(pairs)):
         result = register(source_m, target_m, **options)

@@ -191,5 +191,12 @@ def exit_code(result: Registration | Assembly) -> int:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command: its exit code."""
     return hydra_app.run(
-        "register", RegisterConfig, register, exit_code, arguments, as_json=as_json, as_rows=rows
+        "register",
+        RegisterConfig,
+        register,
+        exit_code,
+        arguments,
+        as_json=as_json,
+        as_rows=rows,
+        has_no_presets=True,
     )

@@ -34,6 +34,28 @@ def as_typed(arguments: Sequence[str], schema: type) -> list[str]:
     return [_typed(argument, hints, in_sweep) for argument in arguments]
 
 
+def plain_options(arguments: Sequence[str], schema: type) -> dict[str, str] | None:
+    """The options that arguments give, if all are options that hold text, each given once, with
+    texts that Hydra would read as they are; else None.
+
+    Args:
+        arguments: of ``as_typed``.
+        schema: dataclass of the options.
+
+    >>> from skipnet.commands.register import RegisterConfig
+    >>> plain_options(["source=a.ply", "output_dir=out"], RegisterConfig)
+    {'source': 'a.ply', 'output_dir': 'out'}
+    >>> plain_options(["source=a.ply", "seed=1"], RegisterConfig)
+    """
+    hints, given = get_type_hints(schema), dict[str, str]()
+    for argument in arguments:
+        key, _, value = argument.partition("=")
+        if key in given or hints.get(key) not in (str, str | None) or not _is_plain(value):
+            return None
+        given[key] = value
+    return given
+
+
 def _typed(argument: str, hints: dict[str, object], in_sweep: bool) -> str:
     key, mark, value = argument.partition("=")
     kind = hints.get(key.lstrip("+"))
@@ -65,10 +87,13 @@ def _names(value: str) -> list[str]:
 
 def _quoted(value: str) -> str:
     in_quotes = value[:1] in ('"', "'") and value[-1:] == value[:1] and len(value) > 1
-    is_plain = _PLAIN.fullmatch(value) and value.lower() not in _VALUES
-    if in_quotes or "${" in value or is_plain:
+    if in_quotes or "${" in value or _is_plain(value):
         return value
     # Of backslashes only those before a quote mean something to Hydra.
     escaped = re.sub(r'(\\*)"', r'\1\1\\"', value)
     escaped = re.sub(r"(\\+)$", r"\1\1", escaped)
     return f'"{escaped}"'
+
+
+def _is_plain(value: str) -> bool:
+    return _PLAIN.fullmatch(value) is not None and value.lower() not in _VALUES

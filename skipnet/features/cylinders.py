@@ -10,6 +10,8 @@ patches must not care (``learning.descriptor`` does not).
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from skipnet.compiled import compiled
@@ -100,7 +102,7 @@ def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: Leve
         np.ascontiguousarray(around.T, dtype=np.float32),
         first,
         last,
-        _BIN_OF_PLACE,
+        _bin_of_place(),
     )
     inside = slices[:, :_BINS].reshape(len(rows), _SLICES, -1).astype(np.float32)
     return np.log(1 + _SLICES_TO_SECTORS @ inside)
@@ -159,6 +161,7 @@ def _count(
     return counts
 
 
+@cache
 def _bin_of_place() -> IntArray:
     """(2 * 62^3,) uint16: slice, kind, radius and height where the middle of each place lies.
 
@@ -166,7 +169,7 @@ def _bin_of_place() -> IntArray:
     the ball, and where the voxel itself lies, nothing is counted.
     """
     middles = ((np.arange(-1, _GRID + 1) + 0.5) / _GRID * 2 - 1) * REACH_VOXELS
-    height, first, second = np.meshgrid(middles, middles, middles, indexing="ij")
+    height, first, second = np.meshgrid(middles, middles, middles, indexing="ij", sparse=True)
     turn = np.arctan2(second, first) / (2 * np.pi) % 1
     slices = np.minimum((turn * _SLICES).astype(np.int32), _SLICES - 1)
     radius = np.hypot(first, second)
@@ -186,5 +189,4 @@ def _slices_to_sectors() -> FloatArray:
     return np.maximum(1 - np.abs(gap), 0).astype(np.float32)
 
 
-_BIN_OF_PLACE = _bin_of_place()
 _SLICES_TO_SECTORS = _slices_to_sectors()

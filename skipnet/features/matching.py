@@ -6,7 +6,7 @@ import numpy as np
 
 from skipnet.types import FloatArray, IntArray
 
-_BLOCK = 256
+_BLOCK = 128
 """Rows compared at a time: their distances to all others stay in the processor's cache."""
 
 
@@ -39,9 +39,10 @@ def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     forward = np.empty(len(source), dtype=np.int64)
     nearest_s = np.empty(len(source), dtype=np.float32)
     nearest_t = np.full(len(target), np.inf, dtype=np.float32)
+    room, right = np.empty((_BLOCK, len(target)), dtype=np.float32), np.ascontiguousarray(right)
     for start in range(0, len(source), _BLOCK):
         block = slice(start, start + _BLOCK)
-        squared = left[block] @ right
+        squared = np.matmul(left[block], right, out=room[: len(source) - start])
         forward[block] = squared.argmin(axis=1)
         nearest_s[block] = np.take_along_axis(squared, forward[block, None], axis=1)[:, 0]
         np.minimum(nearest_t, squared.min(axis=0), out=nearest_t)

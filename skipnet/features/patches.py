@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.compiled import compiled
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -166,20 +167,25 @@ def _spread(local_cells: FloatArray, values: FloatArray, near: Neighbours) -> Fl
 
     Sub-voxel positions survive that: the shares' centre of mass is the place itself.
     """
-    padded = CELLS + 2  # a rim of cells catches what falls outside
-    place = np.clip(local_cells + padded // 2, 0, padded - 1 - 1e-4)
-    low = place.astype(np.int32)
-    upper = place - low
-    shares = np.stack([1 - upper, upper])
-    corners = np.array(list(np.ndindex(2, 2, 2)))
-    x, y, z = corners.T
-    weights = shares[x, :, 0] * shares[y, :, 1] * shares[z, :, 2] * values
-    strides = np.array([padded**2, padded, 1])
-    cell = (near.owner * padded**3 + low @ strides) + (corners @ strides)[:, None]
-    size = len(near.starts) * padded**3
-    cells = np.bincount(cell.ravel(), weights=weights.ravel(), minlength=size)
-    inside = cells.reshape(-1, padded, padded, padded)[:, 1:-1, 1:-1, 1:-1]
-    return inside.reshape(-1, PATCH_SIZE).astype(np.float32)
+    rim = CELLS + 1  # a cell more on every side: what falls into it is lost
+    places = np.clip(local_cells + rim // 2, 0, rim - 1e-4)
+    cells = np.zeros((len(near.starts), CELLS, CELLS, CELLS))
+    _share(places, values, near.owner, cells)
+    return cells.reshape(-1, PATCH_SIZE).astype(np.float32)
+
+
+@compiled
+def _share(places: FloatArray, values: FloatArray, owner: IntArray, cells: FloatArray) -> None:
+    """Add (P,) values to the cells about (P, 3) places, from 1 to C, of each owner's (C, C, C)."""
+    size = cells.shape[1]
+    for p in range(len(places)):
+        x, y, z = int(places[p, 0]), int(places[p, 1]), int(places[p, 2])
+        for i in range(max(x, 1), min(x + 1, size) + 1):
+            for j in range(max(y, 1), min(y + 1, size) + 1):
+                for k in range(max(z, 1), min(z + 1, size) + 1):
+                    share = (1 - abs(places[p, 0] - i)) * (1 - abs(places[p, 1] - j))
+                    share *= (1 - abs(places[p, 2] - k)) * values[p]
+                    cells[owner[p], i - 1, j - 1, k - 1] += share
 
 
 def _offsets_within(radius_voxels: float) -> IntArray:

@@ -121,8 +121,10 @@ class DenseAligner:
             for direction in directions[is_weak(share, fine.matched[row])]:
                 if not is_hopeless or gains_much(T[row], direction, self.judge):
                     T[row] = slide(T[row], direction, self.judge)
-        slid = (fine.T_target_source != T).any()
-        score = self.judge.score(T) if slid else aligned.score
+        slid = np.flatnonzero((fine.T_target_source != T).any(axis=(1, 2)))
+        if len(slid) == 0:
+            return aligned
+        score = aligned.score.replaced(slid, self.judge.score(T[slid]))
         return replace(aligned, T_target_source=T, score=score)
 
 

@@ -14,7 +14,7 @@ from skipnet.registration.hypotheses.repeats import from_repeats
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.options import Generator, RegistrationConfig
-from skipnet.registration.settling import aligner_of, enter, realigned, settle
+from skipnet.registration.settling import aligner_of, enter, realigned, rivalled, settle
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import may_be_registered
 from skipnet.scans.scan import Scan
@@ -95,7 +95,7 @@ def _with_repeats(
     if len(fresh) == 0:
         return answer
     with clock("fine alignment"):
-        return settle(realigned(enter(running, fresh, aligner), aligner), aligner)
+        return rivalled(answer, fresh, running, aligner)
 
 
 def _joined(guesses: FloatArray | None, proposed: FloatArray) -> FloatArray:

@@ -10,12 +10,22 @@ from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
-from skipnet.registration.examining import AMBIGUOUS_MARGIN, find_out, held_voxels
+from skipnet.registration.examining import (
+    AMBIGUOUS_MARGIN,
+    HARMFUL_VIOLATION,
+    HARMLESS_OVERLAP,
+    REPEATED_ON_MAP,
+    REPEATED_SCORE,
+    REPEATED_TOTAL,
+    find_out,
+    held_voxels,
+)
+from skipnet.registration.findings import Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
 from skipnet.registration.verdict import decide, may_be_registered
 from skipnet.scans.scan import Scan
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 COMPARED_LEAD = 0.3
 """Poses that score less than the best one by at most this share of it are compared voxel by voxel
@@ -29,6 +39,8 @@ CLOSE_MARGIN = 0.5
 LITTLE_GAINED = 2.0
 """By how much a confidence's logit may rise where a slide makes a score rise by three tenths, and
 the lead with it. (A slide out of what was seen as free can make it rise by 4.)"""
+RISES = 1.5
+"""Times that a candidate's score may rise when it is aligned once more."""
 FINALISTS = 10
 """Poses that stay in the running when the next generator is asked."""
 
@@ -43,8 +55,6 @@ def aligner_of(source: Scan, target: Scan, judge: Judge, samples: int) -> Aligne
 def enter(running: Contenders, fresh: FloatArray, aligner: Aligner) -> Contenders:
     """Align (C, 4, 4) fresh candidates a little; the best distinct ones of all are in the running.
 
-    Where no pose is near being registered few slide: all do, once more, when one may be.
-
     Args:
         running: those before, aligned already; the best few of them stay.
         fresh: new candidates.
@@ -52,11 +62,18 @@ def enter(running: Contenders, fresh: FloatArray, aligner: Aligner) -> Contender
     """
     if len(fresh) == 0:
         return running
-    aligned = aligner.prepare(fresh, fresh, running.best_total)
-    is_hopeless = not may_be_registered(aligned.score, aligner.judge.blind, gained=LITTLE_GAINED)
-    aligned = aligner.slid(aligned, running.best_total, is_hopeless)
-    everyone = running[:FINALISTS].joined(aligned)
+    everyone = running[:FINALISTS].joined(aligned(fresh, running, aligner))
     return everyone[aligner.judge.distinct(everyone.T_target_source, everyone.score)]
+
+
+def aligned(fresh: FloatArray, running: Contenders, aligner: Aligner) -> Contenders:
+    """(C, 4, 4) fresh candidates aligned a little, but for those that others leave far behind.
+
+    Where no pose is near being registered few slide: all do, once more, when one may be.
+    """
+    roughly = aligner.prepare(fresh, fresh, running.best_total)
+    is_hopeless = not may_be_registered(roughly.score, aligner.judge.blind, gained=LITTLE_GAINED)
+    return aligner.slid(roughly, running.best_total, is_hopeless)
 
 
 def realigned(running: Contenders, aligner: Aligner) -> Contenders:
@@ -65,6 +82,36 @@ def realigned(running: Contenders, aligner: Aligner) -> Contenders:
     again = aligner.prepare(running.coarse, running.T_target_source, 0.0)
     again = aligner.slid(again, 0.0, is_hopeless=False)
     return again[aligner.judge.distinct(again.T_target_source, again.score)]
+
+
+def rivalled(answer: Answer, fresh: FloatArray, running: Contenders, aligner: Aligner) -> Answer:
+    """A registered answer after (C, 4, 4) fresh candidates: they cost it some of its lead, or,
+    where they might be as good, all are aligned once more and weighed again."""
+    found = answer.findings
+    assert found is not None
+    rivals, top = aligned(fresh, running, aligner), running.best_total
+    rivals = rivals[aligner.judge.others(answer.T_target_source, rivals.T_target_source)]
+    if may_rival(rivals.score, found, top).any():
+        everyone = running[:FINALISTS].joined(rivals)
+        return settle(realigned(everyone, aligner), aligner)
+    found = replace(found, margin=min(found.margin, 1 - rivals.best_total / top))
+    return replace(answer, verdict=decide(found), findings=found)
+
+
+def may_rival(score: Score, found: Findings, best_total: float) -> BoolArray:
+    """(C,) which candidates might explain the data as well as the best pose, if they are aligned
+    once more, by what is asked of them first.
+
+    Args:
+        score: of the candidates.
+        found: about the best pose.
+        best_total: its score.
+    """
+    share = REPEATED_ON_MAP if found.is_blind else REPEATED_SCORE
+    may: BoolArray = RISES * score.total >= max(share * best_total, REPEATED_TOTAL)
+    if RISES * found.violation >= HARMFUL_VIOLATION:
+        may |= RISES * score.overlap >= HARMLESS_OVERLAP
+    return may
 
 
 def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> Answer:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skipnet.geometry import transform_points
-from skipnet.parallel.threads import one_blas_thread
+from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.registration.result import Registration
 from skipnet.results.inputs import LARGEST_SCENE_M, Given
 from skipnet.results.skipmaps import matched_features, skipmaps_of
@@ -21,6 +21,8 @@ from skipnet.viz.viewer import MOST_POINTS, viewer
 
 _FAR_EXTENTS = 5.0
 """Scans farther apart than so many of their extents are shown moved together."""
+_ASKED = 20_000
+"""Points that tell how far."""
 MOST_ALTERNATIVES = 8
 """Poses beside the best that get a button; result.json has all."""
 
@@ -80,10 +82,11 @@ def pair_viewer(
     source_m, target_m = points_of(source.points_m), points_of(target.points_m)
     T = result.T_target_source
     moved_m = transform_points(T, source_m)
-    shown = some_rows(target_m, most // 2)  # as the view will show them; the others are not asked
-    back_m = np.zeros(len(target_m))
-    back_m[shown] = distances_m(target_m[shown], moved_m)
-    away_m = distances_m(moved_m, target_m), back_m
+    # As the view will show them; the others are not asked.
+    shown = np.sort(some_rows(target_m, most // 2))
+    there_m, back_m = side_by_side(distances_m, (moved_m, target_m[shown]), (target_m, moved_m))
+    away_m = there_m, np.zeros(len(target_m))
+    away_m[1][shown] = back_m
     names = (f"source: {source.path.name}", f"target: {target.path.name}")
     described = skipmaps_of(result)
     tints = (SOURCE_COLOUR, TARGET_COLOUR)
@@ -105,7 +108,7 @@ def pair_viewer(
     matches = matched_features(described, result)
     brightest_m = result.voxel_size_m / 2
     view = viewer(scans, poses, start, brightest_m, most, matches, lengths)
-    return view, away_m[0]
+    return view, there_m
 
 
 def _before(source_m: FloatArray, target_m: FloatArray, lengths: Lengths) -> ViewedPose:
@@ -122,6 +125,7 @@ def moved_together(source_m: FloatArray, target_m: FloatArray) -> tuple[FloatArr
     """The (4, 4) shift that brings a scan beside another, none where it is not far from it, and
     how far it is."""
     T = np.eye(4)
+    source_m, target_m = (one[:: 1 + len(one) // _ASKED] for one in (source_m, target_m))
     apart_m = np.median(target_m, axis=0) - np.median(source_m, axis=0)
     extent_m = max(float(np.ptp(points_m, axis=0).max()) for points_m in (source_m, target_m))
     if np.linalg.norm(apart_m) > _FAR_EXTENTS * extent_m:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skipnet.compiled import compiled, inlined
-from skipnet.types import BoolArray, FloatArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 _MIN_BINS, _MAX_BINS = 32, 512
 _POINTS_PER_BIN = 4
@@ -59,8 +59,11 @@ class RangeImage:
         """
         T = np.array(T_image_points[:, :3])
         T[:, :, 3] -= self.viewpoint_m
-        T = T.astype(points_m.dtype)
-        return _in_front(T, points_m, asked, self.nearest_m, 1 - free_share, free_m)
+        limits = np.float32(1 - free_share), np.float32(free_m)
+        places = np.empty(asked.shape[1], np.int32), np.empty(asked.shape[1], np.float32)
+        front = np.empty_like(asked)
+        _in_front(T.astype(np.float32), points_m, asked, self.nearest_m, limits, places, front)
+        return front
 
 
 def build_range_image(
@@ -144,23 +147,35 @@ def _in_front(
     points_m: FloatArray,
     asked: BoolArray,
     nearest_m: FloatArray,
-    seen_share: float,
-    free_m: float,
-) -> BoolArray:
-    """See ``RangeImage.in_front``; the sensor is at 0."""
-    front = np.zeros(asked.shape, dtype=np.bool_)
+    limits: tuple[np.float32, np.float32],
+    places: tuple[IntArray, FloatArray],
+    front: BoolArray,
+) -> None:
+    """See ``RangeImage.in_front``; the sensor is at 0. Where a point lies is worked out for several
+    at a time, asked about or not."""
+    bins, squares_m2 = places
+    ranges_m, (seen_share, free_m) = nearest_m.ravel(), limits
+    one, zero = np.float32(1), np.float32(0)
+    side = np.int32(len(nearest_m))
+    half, last = np.float32(0.5) * np.float32(side), np.float32(side - 1)
     for c in range(len(T_image_points)):
         T = T_image_points[c]
-        for s in range(asked.shape[1]):
-            if asked[c, s]:
-                x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
-                x = T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3]
-                y = T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3]
-                z = T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3]
-                line, column = octahedral_bin(x, y, z, len(nearest_m))
-                seen_m = seen_share * nearest_m[line, column] - free_m
-                front[c, s] = seen_m > 0 and x * x + y * y + z * z < seen_m * seen_m
-    return front
+        for s in range(len(bins)):
+            x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
+            x = T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3]
+            y = T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3]
+            z = T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3]
+            length = abs(x) + abs(y) + abs(z)
+            scale = one / length if length > zero else zero
+            u, v = x * scale, y * scale
+            folded_u, folded_v = math.copysign(one - abs(v), u), math.copysign(one - abs(u), v)
+            u, v = (folded_u if z < zero else u), (folded_v if z < zero else v)
+            line = np.int32(min(last, max(zero, (v + one) * half)))
+            bins[s] = line * side + np.int32(min(last, max(zero, (u + one) * half)))
+            squares_m2[s] = x * x + y * y + z * z
+        for s in range(len(bins)):
+            seen_m = seen_share * ranges_m[bins[s]] - free_m
+            front[c, s] = asked[c, s] & (seen_m > zero) & (squares_m2[s] < seen_m * seen_m)
 
 
 @compiled

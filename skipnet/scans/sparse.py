@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skipnet.geometry import make_transform
 from skipnet.skipmap.cell_table import CellTable
+from skipnet.skipmap.cells import occupied_cells, unpack
 from skipnet.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -51,9 +53,9 @@ class Thinned:
         """Of the points in cells of this size and those about them."""
         if reach_m not in self._tables:
             edge_m, origin_m = reach_m * _ROUNDED_UP, self.points_m.min(axis=0)
-            cells = np.floor((self.points_m - origin_m) / edge_m).astype(np.int64)
-            table = CellTable(np.unique(cells, axis=0), edge_m, origin_m, with_neighbours=True)
-            self._tables[reach_m] = table
+            to_corner = make_transform(np.eye(3), -origin_m)
+            cells = unpack(occupied_cells(self.points_m, edge_m, to_corner))
+            self._tables[reach_m] = CellTable(cells, edge_m, origin_m, with_neighbours=True)
         return self._tables[reach_m]
 
 

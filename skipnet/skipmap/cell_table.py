@@ -54,7 +54,8 @@ class CellTable:
         """
         self.voxel_size_m, self.origin_m = voxel_size_m, origin_m
         cells, reach = np.ascontiguousarray(cells), int(with_neighbours)
-        first = np.zeros(_places_for_blocks(cells), dtype=np.int32)
+        self._lowest, places = _places_for_blocks(cells, reach)
+        first = np.zeros(places, dtype=np.int32)
         keys, following = np.zeros((2, 1024), dtype=np.int64)
         start, count = 0, 1
         while start < len(cells):
@@ -95,7 +96,10 @@ class CellTable:
         T_cells_points *= 1 / self.voxel_size_m
         T_cells_points = T_cells_points.astype(points_m.dtype)
         found = np.empty((len(T_table_points), len(points_m[:samples])), dtype=np.int32)
-        _find_moved(T_cells_points, points_m, self._tables, found)
+        if self._lowest is None:
+            _find_moved(T_cells_points, points_m, self._tables, found)
+        else:
+            _find_in_box(T_cells_points, points_m, self._tables, self._lowest, found)
         return found
 
     def find_along(
@@ -127,13 +131,18 @@ class CellTable:
         return met[0], met[1]
 
 
-def _places_for_blocks(cells: IntArray) -> tuple[int, ...]:
-    """Powers of two: along each axis as many as there are blocks, where that is not too much."""
-    blocks = np.ptp(cells >> _BITS, axis=0) + 3 if len(cells) else np.ones(3, dtype=np.int64)
-    bits = [int(length - 1).bit_length() for length in blocks]
+def _places_for_blocks(cells: IntArray, reach: int) -> tuple[IntArray | None, tuple[int, ...]]:
+    """Where the lowest of the blocks is, and powers of two: along each axis as many as there are
+    blocks. Where that is too much, fewer, and no lowest block: some share a place."""
+    if not len(cells):
+        return np.zeros(3, dtype=np.int64), (1, 1, 1)
+    lowest = (cells.min(axis=0) - reach) >> _BITS
+    lengths = ((cells.max(axis=0) + reach) >> _BITS) - lowest + 1
+    bits = [int(length - 1).bit_length() for length in lengths]
+    is_alone = sum(bits) < int(_MOST_PLACES).bit_length()
     while sum(bits) > int(_MOST_PLACES).bit_length() - 1:
         bits[int(np.argmax(bits))] -= 1
-    return tuple(1 << bit for bit in bits)
+    return (lowest if is_alone else None), tuple(1 << bit for bit in bits)
 
 
 @inlined
@@ -243,6 +252,30 @@ def _find_moved(
             y = _cell(T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3])
             z = _cell(T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3])
             block = _block_of(x, y, z, blocks)
+            found[c, s] = rows[block, _in_block(x, y, z)] >> _STEP_BITS
+
+
+@compiled
+def _find_in_box(
+    T_cells_points: FloatArray,
+    points_m: FloatArray,
+    tables: _Tables,
+    lowest: IntArray,
+    found: IntArray,
+) -> None:
+    """As ``_find_moved``, where every block has a place of its own: no key is read."""
+    (first, _, _), rows = tables
+    X, Y, Z = first.shape
+    for c in range(len(T_cells_points)):
+        T = T_cells_points[c]
+        for s in range(found.shape[1]):
+            x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
+            x = _cell(T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3])
+            y = _cell(T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3])
+            z = _cell(T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3])
+            i, j, k = (x >> _BITS) - lowest[0], (y >> _BITS) - lowest[1], (z >> _BITS) - lowest[2]
+            inside = ((i | j | k) >= 0) & (i < X) & (j < Y) & (k < Z)
+            block = first[_place_of(x, y, z, first)] if inside else 0
             found[c, s] = rows[block, _in_block(x, y, z)] >> _STEP_BITS
 
 

@@ -16,7 +16,8 @@ _MOST_OF_ONE, _MOST_MEASURED = 200_000, 400_000
 def distances_m(from_m: FloatArray, to_m: FloatArray) -> FloatArray:
     """(N,) distance of each point to the nearest of others; these are thinned where very many."""
     if len(to_m) > _MOST_OF_ONE:
-        to_m = np.random.default_rng(0).choice(to_m, _MOST_OF_ONE, replace=False)
+        rng = np.random.default_rng(0)
+        to_m = to_m[np.sort(rng.choice(len(to_m), _MOST_OF_ONE, replace=False, shuffle=False))]
     return nearest(from_m, to_m)[0]
 
 

@@ -75,7 +75,8 @@ def pack(
         packed["residuals"] = _bytes(scan.residuals_m[rows] / brightest_m)
     found = scan.skipmap
     if found is not None and len(found.centroids_m):
-        voxel = nearest(points_m, found.centroids_m)[1]
+        in_order, voxel = np.argsort(rows), np.empty(len(rows), np.int64)
+        voxel[in_order] = nearest(points_m[in_order], found.centroids_m)[1]
         packed |= _described(found.curvatures[voxel], found.classes[voxel])
         voxels = _placed(found.centroids_m, middle_m)
         packed["voxels"] = voxels | _described(found.curvatures, found.classes)

@@ -66,7 +66,7 @@ def test_two_files_come_out_registered_with_every_result(stand, pair):
     )
     assert (stand / "out" / "first" / "before_after.png").read_bytes().startswith(b"\x89PNG")
     page = (stand / "out" / "first" / "report.html").read_text()
-    assert "http" not in page and ">registered<" in page and 'src="data:image/png;base64,' in page
+    assert "://" not in page and ">registered<" in page and 'src="data:image/png;base64,' in page
 
 
 def test_many_scans_come_out_in_the_frame_of_the_first(tmp_path):

@@ -6,15 +6,23 @@ import pytest
 
 from skipnet.commands import hydra_app
 from skipnet.commands.register import RegisterConfig
+from skipnet.commands.words import plain_options
 
 NAMES = ["scan (copy).ply", "Scan,1.ply", "Büro.ply", "é中文.ply", "a'b.ply", 'a"b.ply', "#1.ply"]
 NAMES += ["R&D+1@2.ply", "x=y.ply", "[1].ply", "{a}.ply", "a:b.ply", "1e5.ply", "null.ply"]
 NAMES += ["~a.ply", "$HOME.ply", "a\\b.ply", 'x\\"y.ply', "-5.ply", "true", "a\\"]
 
 
-def configured(*arguments):
+def configured(*arguments, has_no_presets=False):
     seen = []
-    assert hydra_app.run("register", RegisterConfig, seen.append, arguments=arguments) == 0
+    exit_code = hydra_app.run(
+        "register",
+        RegisterConfig,
+        seen.append,
+        arguments=arguments,
+        has_no_presets=has_no_presets,
+    )
+    assert exit_code == 0
     return seen
 
 
@@ -34,6 +42,29 @@ def test_all_names_at_once_and_one_without_brackets(tmp_path, monkeypatch):
         (tmp_path / name).touch()
     assert configured(f"scans=[{','.join(NAMES)}]")[0].scans == NAMES
     assert configured("scans=some folder")[0].scans == ["some folder"]
+
+
+PLAIN = [
+    [],
+    ["source=a.ply", "target=../b/B_2.ply"],
+    ["output_dir=out/x-1", "unit=mm", "source_unit=ft", "format=laz"],
+]
+
+
+@pytest.mark.parametrize("arguments", PLAIN)
+def test_names_alone_give_what_hydra_would_make_of_them(arguments):
+    assert plain_options(arguments, RegisterConfig) is not None
+    [without] = configured(*arguments, has_no_presets=True)
+    assert configured(*arguments) == [without]
+
+
+@pytest.mark.parametrize(
+    "argument",
+    ["seed=1", "unit=null", "source='a.ply'", "source=", "+unit=m", "registration=paper", "--help"],
+)
+def test_whatever_else_is_typed_is_hydras(argument):
+    assert plain_options([argument], RegisterConfig) is None
+    assert plain_options(["unit=m", "unit=mm"], RegisterConfig) is None
 
 
 def test_what_hydra_knows_is_left_to_it():

@@ -7,13 +7,24 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skipnet.geometry import make_transform, pose_error, random_rotation, transform_points
-from skipnet.registration.hypotheses.correspondences import from_correspondences
+from skipnet.registration.hypotheses.correspondences import common_neighbours, from_correspondences
 from skipnet.registration.hypotheses.fitting import best_rotations, fit_transforms
 from skipnet.registration.hypotheses.hypotheses import NO_HYPOTHESES, Hypotheses, concatenate
 
 
 def random_motion(rng, scale_m=5.0):
     return make_transform(random_rotation(rng), rng.normal(scale=scale_m, size=3))
+
+
+@pytest.mark.parametrize("count", [3, 64, 65, 300])
+def test_common_neighbours_are_those_of_the_matrix_product(count):
+    rng = np.random.default_rng(count)
+    half = rng.random((count, count)) < 0.2
+    compatible = half | half.T
+    np.fill_diagonal(compatible, False)
+    found = common_neighbours(compatible)
+    product = compatible.astype(np.float32)
+    np.testing.assert_array_equal(found, product * (product @ product))
 
 
 def test_weighted_fits_are_scipys_align_vectors():

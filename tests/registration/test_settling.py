@@ -9,6 +9,7 @@ import pytest
 
 from skipnet.registration import searching, settling
 from skipnet.registration.alignment.refinement import Refinement, no_refinement
+from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.score import Score
@@ -183,6 +184,30 @@ def test_what_is_in_the_running_is_not_aligned_again_and_the_best_of_all_come_fi
     assert len(running) == FINALISTS + 2
     assert list(running.T_target_source[:3, 0, 3]) == [0.0, 0.5, 1.0]
     assert enter(running, np.zeros((0, 4, 4)), aligner) is running
+
+
+def _registered(total):
+    found, poses = replace(GOOD, margin=1 - 0.05 / total), _shifted(0.0)
+    figures, nothing = [np.array([total])] * 3, [np.zeros(1)] * 3
+    score = Score(figures[0], figures[1], nothing[0], figures[2], *nothing[1:])
+    running = Contenders(poses, no_refinement(poses), poses, score)
+    return Answer(poses, poses, poses[0], decide(found), found), running
+
+
+@pytest.mark.parametrize(("total", "again"), [(0.08, 0), (0.11, 1)])
+def test_only_what_may_rival_a_registered_pose_is_aligned_again(monkeypatch, total, again):
+    asked = []
+    monkeypatch.setattr(settling, "realigned", lambda running, aligner: running)
+    monkeypatch.setattr(settling, "settle", lambda running, aligner: asked.append(len(running)))
+    answer, running = _registered(0.6)
+    aligner = _CountingAligner()
+    aligner.others = lambda T_best, T: np.arange(len(T))
+    shift_m = 1 / total - 1  # at which the aligner's score is this
+    after = settling.rivalled(answer, _shifted(shift_m), running, aligner)
+    assert asked == [2] * again
+    if not again:  # the rival costs some of the lead
+        assert after.findings.margin == pytest.approx(1 - total / 0.6)
+        assert after.verdict.confidence < answer.verdict.confidence
 
 
 def test_scans_that_share_nothing_are_judged_with_all_evidence_once(monkeypatch):

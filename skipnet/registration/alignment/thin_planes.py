@@ -8,6 +8,7 @@ the points of the other: many at exactly one distance from it are the same plane
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ import numpy as np
 from skipnet.compiled import compiled
 from skipnet.geometry import transform_points
 from skipnet.registration.alignment.refinement import Refinement
+from skipnet.skipmap.eigen import symmetric_eigh
 from skipnet.types import FloatArray
 
 SHRINKING_VOXELS = (1.0, 0.5, 0.25, 0.12, 0.08, 0.08)
@@ -194,11 +196,24 @@ def _plane_through(
     """Least-squares plane; None through few points, along one line, or tilted too far."""
     if len(points_m) < MIN_POINTS:
         return None
-    centre_m = points_m.mean(axis=0)
-    around_m = points_m - centre_m
-    values_m2, vectors = np.linalg.eigh(around_m.T @ around_m / len(points_m))
-    normal = vectors[:, 0] * np.sign(vectors[:, 0] @ direction)
+    centre_m, covariance_m2 = np.zeros(3), np.zeros(6)
+    _add_up(points_m, centre_m, covariance_m2)
+    values_m2, vectors = (one[0] for one in symmetric_eigh(covariance_m2[None]))
+    normal = vectors[:, 0] * math.copysign(1.0, vectors[:, 0] @ direction)
     straight = values_m2[1] < (MIN_EXTENT_VOXELS * voxel_size_m) ** 2
     if straight or normal @ direction < MAX_TILT_COSINE:
         return None
-    return ThinPlane(normal, float(normal @ centre_m), float(np.sqrt(max(values_m2[0], 1e-12))))
+    return ThinPlane(normal, float(normal @ centre_m), math.sqrt(max(values_m2[0], 1e-12)))
+
+
+@compiled
+def _add_up(points_m: FloatArray, centre_m: FloatArray, covariance_m2: FloatArray) -> None:
+    """The centre of (N, 3) points and xx, xy, xz, yy, yz, zz of their covariance, into zeros."""
+    for k in range(len(points_m)):
+        for i in range(3):
+            centre_m[i] += points_m[k, i] / len(points_m)
+    for k in range(len(points_m)):
+        x, y = points_m[k, 0] - centre_m[0], points_m[k, 1] - centre_m[1]
+        z = points_m[k, 2] - centre_m[2]
+        for entry, product in enumerate((x * x, x * y, x * z, y * y, y * z, z * z)):
+            covariance_m2[entry] += product / len(points_m)

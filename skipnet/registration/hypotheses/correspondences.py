@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from skipnet.compiled import compiled, inlined
 from skipnet.registration.hypotheses.fitting import fit_transforms
 from skipnet.registration.hypotheses.hypotheses import NO_HYPOTHESES, Hypotheses
-from skipnet.types import FloatArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 
 def from_correspondences(
@@ -41,9 +42,9 @@ def from_correspondences(
     if len(source_m) < 3:
         return NO_HYPOTHESES
     change_m = np.abs(_distances(source_m) - _distances(target_m))
-    compatible = (change_m < max_distance_m).astype(np.float32)
-    np.fill_diagonal(compatible, 0)
-    second = compatible * (compatible @ compatible)
+    compatible = change_m < max_distance_m
+    np.fill_diagonal(compatible, False)
+    second = common_neighbours(compatible)
     chosen = np.argsort(-(second @ weights.astype(np.float32)), kind="stable")[:seeds]
     np.fill_diagonal(second, np.inf)
     members = np.argsort(-second[chosen], axis=1, kind="stable")[:, :support]
@@ -59,3 +60,37 @@ def _distances(points_m: FloatArray) -> FloatArray:
     squared = (points**2).sum(axis=1)
     gram = points @ points.T
     return np.sqrt(np.maximum(squared[:, None] + squared - 2 * gram, 0))
+
+
+def common_neighbours(compatible: BoolArray) -> FloatArray:
+    """(K, K) float32: of each two that are compatible, by a symmetric matrix, how many others are
+    compatible with both; 0 for all others.
+
+    A matrix product would count all pairs', and few are compatible.
+    """
+    padded = np.pad(compatible, ((0, 0), (0, -len(compatible) % 64)))
+    second = np.zeros(compatible.shape, dtype=np.float32)
+    _count_common(compatible, np.packbits(padded, axis=1).view(np.uint64), second)
+    return second
+
+
+@inlined
+def _ones(bits: np.uint64) -> np.uint64:
+    """How many of 64 bits are set."""
+    bits -= (bits >> np.uint64(1)) & np.uint64(0x5555555555555555)
+    fours = np.uint64(0x3333333333333333)
+    bits = (bits & fours) + ((bits >> np.uint64(2)) & fours)
+    bits = (bits + (bits >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (bits * np.uint64(0x0101010101010101)) >> np.uint64(56)
+
+
+@compiled
+def _count_common(compatible: BoolArray, bits: IntArray, second: FloatArray) -> None:
+    """See ``common_neighbours``; by the (K, N) bits of its rows, 64 at a time, into zeros."""
+    for i in range(len(bits)):
+        for j in range(i):
+            if compatible[i, j]:
+                count = np.uint64(0)
+                for w in range(bits.shape[1]):
+                    count += _ones(bits[i, w] & bits[j, w])
+                second[i, j] = second[j, i] = count

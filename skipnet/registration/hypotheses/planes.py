@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import combinations
 
 import numpy as np
@@ -13,6 +14,8 @@ from skipnet.registration.hypotheses.plane_offsets import main_directions, offse
 from skipnet.registration.hypotheses.plane_rotations import oblique_pairs, plane_rotations
 from skipnet.types import FloatArray
 
+MIN_DETERMINANT = 0.2
+"""Of three unit directions that are to fix a translation."""
 MIN_ALIGNED = 0.7
 """Right rotations align this share of the area that the best one does, and more, where scans share
 much (0.84 in simulated rooms and doorways). Elsewhere ``from_slides`` tries the other rotations.
@@ -98,11 +101,7 @@ def _plane_translations(
         return NO_HYPOTHESES
     directions = main_directions(normals, weight)
     votes = [vote(normals @ axis, shift_m, weight, voxel_size_m) for axis in directions]
-    solved = [
-        _solve(directions[list(triple)], [votes[axis] for axis in triple])
-        for triple in combinations(range(len(directions)), 3)
-    ]
-    translations_m = np.concatenate([np.zeros((0, 3)), *solved])
+    translations_m = np.concatenate([np.zeros((0, 3)), *_solved(directions, votes)])
     agree = np.abs(translations_m @ normals.T - shift_m) < voxel_size_m
     support = agree @ weight
     best = np.argsort(-support, kind="stable")[:count]
@@ -110,18 +109,26 @@ def _plane_translations(
     return Hypotheses(make_transform(rotations, translations_m[best]), support[best])
 
 
-def _solve(
-    axes: FloatArray, votes: list[tuple[FloatArray, FloatArray]], count: int = 1500
-) -> FloatArray:
-    """(M, 3) translations from all combinations of three directions' peaks, strongest first."""
-    if abs(np.linalg.det(axes)) < 0.2:
-        return np.zeros((0, 3))
+def _solved(directions: FloatArray, votes: list[tuple[FloatArray, FloatArray]]) -> list[FloatArray]:
+    """(M, 3) translations from the peaks of each three directions that are far from one plane."""
+    triples = np.array(list(combinations(range(len(directions)), 3)), dtype=np.int64)
+    if len(triples) == 0:
+        return []
+    triples = triples[np.abs(np.linalg.det(directions[triples])) >= MIN_DETERMINANT]
+    inverses = np.linalg.inv(directions[triples])
+    return [
+        _combined([votes[axis] for axis in triple]) @ inverse.T
+        for triple, inverse in zip(triples, inverses, strict=True)
+    ]
+
+
+def _combined(votes: list[tuple[FloatArray, FloatArray]], count: int = 1500) -> FloatArray:
+    """(M, 3) all combinations of three directions' peaks; of very many the heaviest."""
     (shift_i, weight_i), (shift_j, weight_j), (shift_k, weight_k) = votes
-    support = (weight_i[:, None, None] + weight_j[:, None] + weight_k).ravel()
-    if len(support) > count:
-        strongest = np.argpartition(-support, count)[:count]
-    else:
-        strongest = np.arange(len(support))
-    i, j, k = np.unravel_index(strongest, (len(shift_i), len(shift_j), len(shift_k)))
-    shifts_m = np.stack([shift_i[i], shift_j[j], shift_k[k]])
-    return (np.linalg.inv(axes) @ shifts_m).T
+    sizes = len(shift_i), len(shift_j), len(shift_k)
+    rows = np.arange(math.prod(sizes))
+    if len(rows) > count:
+        support = (weight_i[:, None, None] + weight_j[:, None] + weight_k).ravel()
+        rows = np.argpartition(-support, count)[:count]
+    i, j, k = np.unravel_index(rows, sizes)
+    return np.stack([shift_i[i], shift_j[j], shift_k[k]], axis=1)

@@ -44,8 +44,7 @@ def from_repeats(T_target_source: FloatArray, source: Evidence, target: Evidence
     oriented = min(source.trust, target.trust) > MIN_TRUST
     there_m, there_normals = target.points_m[:VOTERS], target.normals[:VOTERS]
     axis, found = main_axis(target.normals), []
-    shape = (_BUCKETS, 3)
-    ballot = np.zeros(_BUCKETS, np.int32), np.zeros(shape, np.int32), np.zeros(shape)
+    ballot = np.zeros((_BUCKETS, 2), np.int64)
     for turn_rad in TURNS_RAD:
         rotation = rotation_from_vector(turn_rad * axis) @ T_target_source[:3, :3]
         turned = rotation.astype(np.float32).T
@@ -77,17 +76,19 @@ def _translations(
     target: tuple[FloatArray, FloatArray],
     cell_m: float,
     oriented: bool,
-    ballot: tuple[IntArray, IntArray, FloatArray],
+    ballot: IntArray,
 ) -> tuple[FloatArray, FloatArray]:
     """(K, 3) mean translations of the cells that more than two pairs of voxels vote for, and (K,)
     their votes; a voxel is a point and a normal. The ballot is without votes before and after."""
-    votes, _, total_m = ballot
-    _vote(source, target, cell_m, oriented, ballot)
-    used = np.flatnonzero(votes)
-    rows = used[votes[used] > FEW_VOTES]
-    means_m, counts = total_m[rows] / votes[rows, None], votes[rows].astype(np.float64)
-    votes[used], total_m[used] = 0, 0.0
-    return means_m, counts
+    target = target[0], np.ascontiguousarray(target[1].T)
+    cosine = np.empty(len(target[0]), dtype=np.float32)
+    voters = np.empty((len(source[0]) * len(cosine), 3), np.int32)
+    count = _vote(source, target, cell_m, oriented, ballot, cosine, voters)
+    most = count // (FEW_VOTES + 1)
+    buckets, votes, total_m = np.empty(most, np.int64), np.empty(most), np.zeros((most, 3))
+    cells = _count(source[0], target[0], voters[:count], ballot, (buckets, votes, total_m))
+    in_order = np.argsort(buckets[:cells])
+    return (total_m[in_order] / votes[in_order, None]), votes[in_order]
 
 
 @compiled
@@ -96,30 +97,63 @@ def _vote(
     target: tuple[FloatArray, FloatArray],
     cell_m: float,
     oriented: bool,
-    ballot: tuple[IntArray, IntArray, FloatArray],
-) -> None:
-    """Count the votes for each hashed cell, which cell it is and the sum of its translations, into
-    zeros; of the cells that share a bucket the first one alone has votes."""
-    votes, cells, total_m = ballot
-    shift_m, cell = np.empty(3), np.empty(3, dtype=np.int32)
+    ballot: IntArray,
+    cosine: FloatArray,
+    voters: IntArray,
+) -> int:
+    """Count the votes for each hashed cell, into (B, 2) zeros: which cell it is, and how many; of
+    the cells that share a bucket the first one alone has votes. The target's normals are (3, T).
+
+    Returns:
+        How many voted; ``voters`` are their buckets and voxels.
+    """
+    there_m, normals = target
+    count = 0
     for s in range(len(source[0])):
-        for t in range(len(target[0])):
-            cosine = 0.0
-            for i in range(3):
-                cosine += source[1][s, i] * target[1][t, i]
-            if (cosine if oriented else abs(cosine)) < MIN_COSINE:
+        x_m, y_m, z_m = source[0][s]
+        n_x, n_y, n_z = source[1][s]
+        for t in range(len(cosine)):
+            cosine[t] = n_x * normals[0, t] + n_y * normals[1, t] + n_z * normals[2, t]
+        for t in range(len(cosine)):
+            if (cosine[t] if oriented else abs(cosine[t])) < MIN_COSINE:
                 continue
-            bucket, same = 0, True
+            i = int(np.floor((there_m[t, 0] - x_m) / cell_m))
+            j = int(np.floor((there_m[t, 1] - y_m) / cell_m))
+            k = int(np.floor((there_m[t, 2] - z_m) / cell_m))
+            cell = (i * _HASH + j) * _HASH + k
+            bucket = (cell ^ (cell >> 17)) & (_BUCKETS - 1)
+            if ballot[bucket, 1] == 0:
+                ballot[bucket, 0] = cell
+            if ballot[bucket, 0] == cell:
+                ballot[bucket, 1] += 1
+                voters[count, 0], voters[count, 1], voters[count, 2] = bucket, s, t
+                count += 1
+    return count
+
+
+@compiled
+def _count(
+    source_m: FloatArray,
+    target_m: FloatArray,
+    voters: IntArray,
+    ballot: IntArray,
+    cells: tuple[IntArray, FloatArray, FloatArray],
+) -> int:
+    """Write down of each cell with more than a few votes its bucket, its votes, and the sum of its
+    translations, into zeros; and clear the ballot. Returns how many there are."""
+    buckets, votes, total_m = cells
+    count = 0
+    for v in range(len(voters)):
+        ballot[voters[v, 0], 0] = -1
+    for v in range(len(voters)):
+        bucket, s, t = voters[v]
+        if ballot[bucket, 1] > FEW_VOTES:
+            if ballot[bucket, 0] < 0:
+                ballot[bucket, 0] = count
+                buckets[count], votes[count] = bucket, ballot[bucket, 1]
+                count += 1
             for i in range(3):
-                shift_m[i] = target[0][t, i] - source[0][s, i]
-                cell[i] = np.int32(np.floor(shift_m[i] / cell_m))
-                bucket = bucket * _HASH + cell[i]
-            bucket = (bucket ^ (bucket >> 17)) & (_BUCKETS - 1)
-            for i in range(3):
-                if votes[bucket] == 0:
-                    cells[bucket, i] = cell[i]
-                same = same and cells[bucket, i] == cell[i]
-            if same:
-                votes[bucket] += 1
-                for i in range(3):
-                    total_m[bucket, i] += shift_m[i]
+                total_m[ballot[bucket, 0], i] += target_m[t, i] - source_m[s, i]
+    for v in range(len(voters)):
+        ballot[voters[v, 0]] = 0
+    return count

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations, product
 
 import numpy as np
 
@@ -43,60 +42,70 @@ def from_slides(
         max_slides: lines to walk, those on which most area agrees.
         max_angle_rad: largest disagreement of angles between planes.
     """
-    found = []
-    for rotation in plane_rotations(source, target, max_rotations, max_angle_rad):
-        normals, shift_m, weight = offset_constraints(rotation, source, target, max_angle_rad)
-        if len(normals):
-            found += _lines_of_translation(rotation, normals, shift_m, weight, voxel_size_m)
-    found = sorted(found, key=lambda slide: -slide.support)[:max_slides]
-    return concatenate([_walk(slide, source_m, target_m, voxel_size_m) for slide in found])
+    found = [
+        slides
+        for rotation in plane_rotations(source, target, max_rotations, max_angle_rad)
+        for slides in _slides(rotation, source, target, voxel_size_m, max_angle_rad)
+    ]
+    support = np.concatenate([np.zeros(0), *(slides.support for slides in found)])
+    owner = np.repeat(np.arange(len(found)), [len(slides.support) for slides in found])
+    row = np.concatenate([np.zeros(0, int), *(np.arange(len(one.support)) for one in found)])
+    best = np.argsort(-support, kind="stable")[:max_slides]
+    extents_m = {k: found[k].extent_m(source_m, target_m, voxel_size_m) for k in {*owner[best]}}
+    walks = (found[owner[k]].walk(row[k], extents_m[owner[k]], voxel_size_m) for k in best)
+    return concatenate(list(walks))
 
 
 @dataclass(frozen=True)
-class _Slide:
-    """A line of translations for one rotation."""
+class _Slides:
+    """Parallel lines of translations for one rotation."""
 
     rotation: FloatArray
-    start_m: FloatArray
     direction: FloatArray
-    support: float
+    starts_m: FloatArray
+    """(K, 3)."""
+    support: FloatArray
+    """(K,)."""
+
+    def extent_m(
+        self, source_m: FloatArray, target_m: FloatArray, voxel_size_m: float
+    ) -> tuple[float, float]:
+        """From where to where the scans can still meet, up to ``MOST_STEPS``."""
+        moved_m = source_m @ (self.rotation.T @ self.direction)
+        along_m = target_m @ self.direction
+        first_m, last_m = along_m.min() - moved_m.max(), along_m.max() - moved_m.min()
+        if last_m - first_m > MOST_STEPS * voxel_size_m:
+            middle_m = np.median(along_m) - np.median(moved_m)
+            half_m = MOST_STEPS / 2 * voxel_size_m
+            first_m, last_m = max(first_m, middle_m - half_m), min(last_m, middle_m + half_m)
+        return first_m, last_m
+
+    def walk(self, row: int, extent_m: tuple[float, float], voxel_size_m: float) -> Hypotheses:
+        """Poses a voxel apart on one of the lines."""
+        start_m = self.starts_m[row]
+        steps_m = np.arange(*extent_m, voxel_size_m) - start_m @ self.direction
+        rotations = np.broadcast_to(self.rotation, (len(steps_m), 3, 3))
+        T_target_source = make_transform(rotations, start_m + steps_m[:, None] * self.direction)
+        return Hypotheses(T_target_source, np.full(len(steps_m), self.support[row]))
 
 
-def _lines_of_translation(
-    rotation: FloatArray,
-    normals: FloatArray,
-    shift_m: FloatArray,
-    weight: FloatArray,
-    voxel_size_m: float,
-) -> list[_Slide]:
-    """Lines on which the offsets of two directions' planes agree."""
-    directions = main_directions(normals, weight)
-    votes = [vote(normals @ axis, shift_m, weight, voxel_size_m, count=6) for axis in directions]
+def _slides(
+    rotation: FloatArray, source: Planes, target: Planes, voxel_size_m: float, max_angle_rad: float
+) -> list[_Slides]:
+    """Lines on which the offsets of two directions' planes agree, for each two of them."""
+    normals, shift_m, weight = offset_constraints(rotation, source, target, max_angle_rad)
+    axes = main_directions(normals, weight)
+    if len(axes) < 2:
+        return []
+    votes = [vote(normals @ axis, shift_m, weight, voxel_size_m, count=6) for axis in axes]
+    i, j = np.triu_indices(len(axes), 1)
+    directions = np.cross(axes[i], axes[j])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    to_start = np.linalg.inv(np.stack([axes[i], axes[j], directions], axis=1))[:, :, :2]
     slides = []
-    for i, j in combinations(range(len(directions)), 2):
-        direction = np.cross(directions[i], directions[j])
-        direction /= np.linalg.norm(direction)
-        to_start = np.linalg.inv(np.array([directions[i], directions[j], direction]))[:, :2]
-        for (shift_i, weight_i), (shift_j, weight_j) in product(
-            zip(*votes[i], strict=True), zip(*votes[j], strict=True)
-        ):
-            start_m = to_start @ np.array([shift_i, shift_j])
-            slides.append(_Slide(rotation, start_m, direction, float(weight_i + weight_j)))
+    for k, (first, second) in enumerate(zip(i, j, strict=True)):
+        (shift_i, weight_i), (shift_j, weight_j) = votes[first], votes[second]
+        both_m = np.stack([np.repeat(shift_i, len(shift_j)), np.tile(shift_j, len(shift_i))], 1)
+        support = (weight_i[:, None] + weight_j).ravel()
+        slides.append(_Slides(rotation, directions[k], both_m @ to_start[k].T, support))
     return slides
-
-
-def _walk(
-    slide: _Slide, source_m: FloatArray, target_m: FloatArray, voxel_size_m: float
-) -> Hypotheses:
-    """Poses a voxel apart on a slide, as far as the scans can still meet, up to ``MOST_STEPS``."""
-    moved_m = source_m @ (slide.rotation.T @ slide.direction)
-    along_m = target_m @ slide.direction
-    first_m, last_m = along_m.min() - moved_m.max(), along_m.max() - moved_m.min()
-    if last_m - first_m > MOST_STEPS * voxel_size_m:
-        middle_m, half_m = np.median(along_m) - np.median(moved_m), MOST_STEPS / 2 * voxel_size_m
-        first_m, last_m = max(first_m, middle_m - half_m), min(last_m, middle_m + half_m)
-    steps_m = np.arange(first_m, last_m, voxel_size_m) - slide.start_m @ slide.direction
-    translations_m = slide.start_m + steps_m[:, None] * slide.direction
-    rotations = np.broadcast_to(slide.rotation, (len(steps_m), 3, 3))
-    T_target_source = make_transform(rotations, translations_m)
-    return Hypotheses(T_target_source, np.full(len(steps_m), slide.support))

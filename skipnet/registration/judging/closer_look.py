@@ -3,8 +3,8 @@
 The judge lets surfaces agree that are half a voxel apart, because a scan may be as noisy as that.
 On smooth shapes, rolling ground or a figure's skin, wrong poses thrive on it: much agrees roughly,
 little exactly. Under the right pose all that agrees is as near as noise allows. So where the race
-is close, the tolerance is halved as long as some candidate keeps what it had; only voxels that know
-their place better than the tolerance have a say.
+is close, the tolerance is halved as long as some candidate keeps what it had, and enough voxels
+know their place better than it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,13 @@ if TYPE_CHECKING:
 TOLERANCES_VOXELS = (0.25, 0.125, 0.0625)
 """To try in this order; ``FINE`` has 0.5."""
 SURE_SHARE = 1 / 6
-"""A voxel has a say when its centroid's error is below this share of the tolerance."""
+"""A voxel is sure of its place when its centroid's error is below this share of the tolerance."""
 MIN_SURE = 0.1
-"""A tolerance needs this share of each scan's voxels that have a say."""
+"""A tolerance needs this share of each scan's voxels that are sure."""
 MIN_KEPT = 0.8
 """A tolerance is below the scans' noise when every candidate loses more of its overlap to it."""
 MIN_STANDING = 0.3
 """Only candidates with this share of the best score say what the noise allows."""
-_UNSURE_WEIGHT = 1e-6
-"""Where no voxel that has a say agrees, the others tell."""
 
 
 def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Score:
@@ -47,21 +45,13 @@ def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Scor
         its agreement is close, and the best has the total that it had.
     """
     standing = score.total >= MIN_STANDING * score.total.max()
-    scans = judge.source, judge.target
     total = score.total
     for tolerance_voxels in TOLERANCES_VOXELS:
-        sure = [scan.centroid_errors_voxels < SURE_SHARE * tolerance_voxels for scan in scans]
-        if min(one.mean() for one in sure) < MIN_SURE:
+        errors_voxels = (scan.centroid_errors_voxels for scan in (judge.source, judge.target))
+        if min((one < SURE_SHARE * tolerance_voxels).mean() for one in errors_voxels) < MIN_SURE:
             break
-        source, target = (
-            scan.weighing(one + _UNSURE_WEIGHT) for scan, one in zip(scans, sure, strict=True)
-        )
-        surely = replace(judge, source=source, target=target)
-        loose, strict = (
-            surely.score(T_target_source, limit)
-            for limit in (FINE, replace(FINE, max_distance_voxels=tolerance_voxels))
-        )
-        kept = strict.overlap / np.maximum(loose.overlap, 1e-9)
+        strict = replace(FINE, max_distance_voxels=tolerance_voxels)
+        kept = judge.overlap(T_target_source, strict) / np.maximum(score.overlap, 1e-9)
         if kept[standing].max() < MIN_KEPT:
             break
         # Once for what no longer agrees, once more for what this says about the rest.

@@ -23,7 +23,7 @@ from skipnet.registration.judging.score import (
     Strictness,
     violation_cost,
 )
-from skipnet.registration.judging.states import facing, states
+from skipnet.registration.judging.states import facing, matches, states
 from skipnet.scans.evidence import Evidence
 from skipnet.types import FloatArray, IntArray
 
@@ -93,6 +93,12 @@ class Judge:
         total *= np.exp(-MISMATCH_WEIGHT * mismatch / np.maximum(support, 1e-3))
         return Score(total, overlap, violation, support, contradiction, mismatch)
 
+    def overlap(self, T_target_source: FloatArray, strictness: Strictness) -> FloatArray:
+        """(C,) as ``score`` says of (C, 4, 4) poses, and nothing else."""
+        there = _matched(T_target_source, self.source, self.target, self.samples, strictness)
+        back = _matched(invert(T_target_source), self.target, self.source, self.samples, strictness)
+        return 0.5 * (there + back)
+
     def decisiveness(
         self, T_best: FloatArray, T_rivals: FloatArray, is_motion: bool = False
     ) -> FloatArray:
@@ -142,12 +148,19 @@ class Judge:
         centre_m, apart_m = self.source.centre_m, 2 * self.voxel_size_m
         return order[distinct(T_target_source[order], centre_m, apart_m)]
 
+    def others(
+        self, T_best: FloatArray, T_target_source: FloatArray, voxels: float = 2.0
+    ) -> IntArray:
+        """Rows of the (C, 4, 4) poses that differ from a (4, 4) one, and from all before them."""
+        poses = np.concatenate([T_best[None], T_target_source])
+        rows: IntArray = distinct(poses, self.source.centre_m, voxels * self.voxel_size_m)[1:] - 1
+        return rows
+
     def apart(self, T_best: FloatArray, T_target_source: FloatArray) -> FloatArray:
         """Those of (C, 4, 4) poses that are others than a (4, 4) one, and may rival it."""
-        poses = np.concatenate([T_best[None], T_target_source])
-        rows = distinct(poses, self.source.centre_m, APART_VOXELS * self.voxel_size_m)[1:]
-        total = self.score(poses[np.append(0, rows)], ROUGH).total
-        return poses[rows[total[1:] >= HOPELESS * total[0]]]
+        poses = T_target_source[self.others(T_best, T_target_source, APART_VOXELS)]
+        total = self.score(np.concatenate([T_best[None], poses]), ROUGH).total
+        return poses[total[1:] >= HOPELESS * total[0]]
 
     def shortlist(self, T_target_source: FloatArray) -> FloatArray:
         """Judge (C, 4, 4) candidates with few samples, the better ones with more.
@@ -203,3 +216,11 @@ def _one_way(
     count, worth = a.shares(samples)
     violation, contradiction = b.trust * (free @ count), b.trust * (free @ worth)
     return np.stack([match @ count, violation, match @ worth, contradiction, beside @ worth])
+
+
+def _matched(
+    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
+) -> FloatArray:
+    """(C,) share of a's voxels that match b."""
+    share: FloatArray = matches(T_b_a, a, b, samples, strictness)[0] @ a.shares(samples)[0]
+    return share

@@ -15,7 +15,7 @@ import numpy as np
 from skipnet.geometry import invert, transform_points
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import FINE
-from skipnet.registration.judging.states import states
+from skipnet.registration.judging.states import matches
 from skipnet.scans.evidence import Evidence
 from skipnet.types import BoolArray, FloatArray
 
@@ -51,7 +51,7 @@ def silence_riders(judge: Judge, T_same_axes: FloatArray) -> Judge:
         return judge
     shares, worth = [], 0.0
     for T, a, b in _both_ways(T_same_axes, judge):
-        match, _, _ = states(T[None], a, b, len(a.points_m), FINE)
+        match, _ = matches(T[None], a, b, len(a.points_m), FINE)
         riding = (match[0] > 0.5) & ~_is_far(a)
         worth += float(a.weights[riding].sum())
         share = np.ones(len(riding))
@@ -77,7 +77,7 @@ def seen_again(judge: Judge, T_target_source: FloatArray) -> float:
     shares = []
     for T, a, b in _both_ways(T_target_source, judge):
         assert b.range_image is not None
-        match, _, _ = states(T[None], a, b, len(a.points_m), FINE)
+        match, _ = matches(T[None], a, b, len(a.points_m), FINE)
         asked = _is_far(a) & (a.weights > _STANDS_OUT)
         asked &= b.range_image.sees(T, a.points_m)
         if asked.any():

@@ -63,6 +63,13 @@ class Score:
         """The figures of some rows."""
         return Score(*(getattr(self, one.name)[rows] for one in fields(self)))
 
+    def replaced(self, rows: IntArray, others: Score) -> Score:
+        """The figures of others in some rows."""
+        figures = {one.name: getattr(self, one.name).copy() for one in fields(self)}
+        for name, values in figures.items():
+            values[rows] = getattr(others, name)
+        return Score(**figures)
+
     def joined(self, others: Score) -> Score:
         """These candidates' figures, then the others'."""
         pairs = ((getattr(self, one.name), getattr(others, one.name)) for one in fields(self))

@@ -19,8 +19,8 @@ MIN_DETERMINED = 0.01
 """A direction that less than this share of the normals faces is weak: noise can hold it ..."""
 MIN_DETERMINING_VOXELS = 30.0
 """... and so is one that fewer voxels than this face."""
-STEPS_VOXELS = (np.arange(-8, 9) / 4, np.arange(-5, 6) / 20)
-"""Places to try, from rough to fine."""
+STEPS_VOXELS = (np.arange(-4, 5) / 2, np.arange(-5, 6) / 20)
+"""Places to try, from rough to fine: these reach as far as the rough ones are apart."""
 GAIN_SAMPLES, MUCH_GAINED = 400, 1.3
 """A pose gains much if so many voxels make it this many times as good."""
 FREE_STEPS_VOXELS = np.array([-3.0, 0.0, 3.0])
@@ -132,11 +132,14 @@ def moves_freely(
     as_good = sides[score.total[sides] > (1 - MIN_DROP) * score.total[1]]
     if len(as_good) == 0:
         return False
-    # On gentle ground half a voxel is much: what is as good must be so closely, too ...
+    # By what tells the places apart, though it be little of all that is seen ...
+    decisive = judge.decisiveness(moved[1], moved[as_good], is_motion=True)
+    as_good = as_good[decisive < MIN_DECISIVE]
+    if len(as_good) == 0:
+        return False
+    # ... and on gentle ground half a voxel is much: what is as good must be so closely, too.
     closer = judge.closer(moved, score).total
-    as_good = as_good[closer[as_good] > (1 - MIN_CLOSE_DROP) * closer[1]]
-    # ... and by what tells the places apart, though it be little of all that is seen.
-    return bool((judge.decisiveness(moved[1], moved[as_good], is_motion=True) < MIN_DECISIVE).any())
+    return bool((closer[as_good] > (1 - MIN_CLOSE_DROP) * closer[1]).any())
 
 
 def _moved(T_target_source: FloatArray, direction: FloatArray, steps_m: FloatArray) -> FloatArray:

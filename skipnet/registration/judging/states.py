@@ -32,16 +32,7 @@ def states(
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
     """(C, S) how far each of a's voxels matches b, 0 to 1, which lie beside it, and which in b's
     free space."""
-    row = b.near.find_moved(T_b_a, a.points_m, samples)
-    match, beside = _match(
-        T_b_a[:, :3].astype(np.float32),
-        (a.points_m, a.normals, a.sides, a.clear),
-        row,
-        (b.surfaces, b.clear_there),
-        strictness.min_normal_cosine,
-        strictness.max_distance_voxels * b.voxel_size_m,
-        strictness.max_beside_voxels * b.voxel_size_m,
-    )
+    match, beside = matches(T_b_a, a, b, samples, strictness)
     free = np.zeros_like(beside)
     if b.range_image is not None:
         free_m = strictness.free_voxels * b.voxel_size_m
@@ -49,6 +40,21 @@ def states(
         if strictness.min_facing_cosine > 0:
             free = _without_grazing(free, T_b_a, a, b.range_image, strictness.min_facing_cosine)
     return match, beside, free
+
+
+def matches(
+    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
+) -> tuple[FloatArray, BoolArray]:
+    """(C, S) how far each of a's voxels matches b, 0 to 1, and which lie beside it."""
+    return _match(
+        T_b_a[:, :3].astype(np.float32),
+        (a.points_m, a.normals, a.sides, a.clear),
+        b.near.find_moved(T_b_a, a.points_m, samples),
+        (b.surfaces, b.clear_there),
+        strictness.min_normal_cosine,
+        strictness.max_distance_voxels * b.voxel_size_m,
+        strictness.max_beside_voxels * b.voxel_size_m,
+    )
 
 
 def _without_grazing(
