@@ -47,20 +47,12 @@ def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Scor
         its agreement is close, and the best has the total that it had.
     """
     standing = score.total >= MIN_STANDING * score.total.max()
-    scans = judge.source, judge.target
     total = score.total
     for tolerance_voxels in TOLERANCES_VOXELS:
-        sure = [scan.centroid_errors_voxels < SURE_SHARE * tolerance_voxels for scan in scans]
-        if min(one.mean() for one in sure) < MIN_SURE:
+        scores = _of_the_sure(judge, T_target_source, tolerance_voxels)
+        if scores is None:
             break
-        source, target = (
-            scan.weighing(one + _UNSURE_WEIGHT) for scan, one in zip(scans, sure, strict=True)
-        )
-        surely = replace(judge, source=source, target=target)
-        loose, strict = (
-            surely.score(T_target_source, limit)
-            for limit in (FINE, replace(FINE, max_distance_voxels=tolerance_voxels))
-        )
+        loose, strict = scores
         kept = strict.overlap / np.maximum(loose.overlap, 1e-9)
         if kept[standing].max() < MIN_KEPT:
             break
@@ -68,3 +60,30 @@ def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Scor
         total = score.total * kept**2
     best = total.argmax()
     return replace(score, total=total * (score.total[best] / max(total[best], 1e-9)))
+
+
+def closeness(judge: Judge, T_target_source: FloatArray) -> float:
+    """Share of what agrees under a (4, 4) pose that does so twice as closely, by its worth; 1 where
+    too few voxels know their place so exactly."""
+    scores = _of_the_sure(judge, T_target_source[None], TOLERANCES_VOXELS[0])
+    if scores is None:
+        return 1.0
+    loose, strict = scores
+    return float(strict.support[0] / max(float(loose.support[0]), 1e-9))
+
+
+def _of_the_sure(
+    judge: Judge, T_target_source: FloatArray, tolerance_voxels: float
+) -> tuple[Score, Score] | None:
+    """Scores of (C, 4, 4) poses as usual and with a tolerance, by the voxels that know their place
+    so exactly; None where these are too few."""
+    scans = judge.source, judge.target
+    sure = [scan.centroid_errors_voxels < SURE_SHARE * tolerance_voxels for scan in scans]
+    if min(one.mean() for one in sure) < MIN_SURE:
+        return None
+    source, target = (
+        scan.weighing(one + _UNSURE_WEIGHT) for scan, one in zip(scans, sure, strict=True)
+    )
+    surely = replace(judge, source=source, target=target)
+    strict = replace(FINE, max_distance_voxels=tolerance_voxels)
+    return surely.score(T_target_source, FINE), surely.score(T_target_source, strict)
