@@ -99,7 +99,7 @@ def find_out(
         riding_worth=judge.riding_worth,
         matched=int(best.matched[0]),
         held_voxels=held,
-        weakest_std_voxels=weakest_std_voxels(best, judge.voxel_size_m),
+        weakest_std_voxels=float(best.weakest_std_m[0]) / judge.voxel_size_m,
         is_sparse=aligner.is_sparse,
         odd_share=0.0 if in_doubt else aligner.odd_share(T_best),
         is_mirrored=not in_doubt and aligner.is_mirrored(T_best),
@@ -202,14 +202,6 @@ def held_voxels(fine: Refinement, row: int) -> float:
     """Voxels, in effect, that hold one pose against the small motion that is held least."""
     share, _ = holds_against(fine.information[row], fine.matched[row], fine.spread_m[row])
     return float(share[0] * fine.matched[row])
-
-
-def weakest_std_voxels(best: Refinement, voxel_size_m: float) -> float:
-    """Standard deviation of how far the matched points move in the motion that is held least, for
-    the first of the refined poses, as their scatter predicts it."""
-    lever_m = np.repeat([max(float(best.spread_m[0]), voxel_size_m), 1.0], 3)
-    moved_m2 = best.covariance[0] * np.outer(lever_m, lever_m)
-    return float(np.sqrt(max(np.linalg.eigvalsh(moved_m2)[-1], 0.0)) / voxel_size_m)
 
 
 def _free_directions(judge: Judge, best: Refinement, is_sparse: bool) -> FloatArray:
