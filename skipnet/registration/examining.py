@@ -99,6 +99,7 @@ def find_out(
         riding_worth=judge.riding_worth,
         matched=int(best.matched[0]),
         held_voxels=held,
+        evenly_held=aligner.evenly_held(T_best) if held < MIN_HELD_VOXELS else held,
         weakest_std_voxels=float(best.weakest_std_m[0]) / judge.voxel_size_m,
         is_sparse=aligner.is_sparse,
         odd_share=0.0 if in_doubt else aligner.odd_share(T_best),

@@ -92,6 +92,8 @@ class Findings:
     """Voxels, in effect, that face the motion against which the pose is held least."""
     weakest_std_voxels: float
     """Standard deviation of that motion, in voxels, as the matched surfaces' scatter has it."""
+    evenly_held: float
+    """As ``held_voxels``, each counted alike; asked where these are few."""
     is_sparse: bool
     """One of the scans is: its normals are rough."""
     odd_share: float

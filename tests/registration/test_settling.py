@@ -66,6 +66,7 @@ GOOD = Findings(
     matched=10_000,
     held_voxels=50.0,
     weakest_std_voxels=0.5,
+    evenly_held=10.0,
     is_sparse=False,
     odd_share=0.0,
     is_mirrored=False,
@@ -127,6 +128,7 @@ def test_gentle_ground_is_held_by_few_voxels_if_these_know_their_place():
     ground = replace(GOOD, held_voxels=0.1, weakest_std_voxels=0.05, overlap=0.4, support=0.4)
     assert decide(ground).status == "registered"
     assert decide(replace(ground, weakest_std_voxels=0.2)).status == "ambiguous"
+    assert decide(replace(ground, evenly_held=1.0)).status == "ambiguous"
     # What lies on itself nearly everywhere may be a vase, turned.
     assert decide(replace(ground, overlap=0.9)).status == "ambiguous"
 
