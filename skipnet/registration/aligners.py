@@ -7,6 +7,7 @@ from typing import Union
 
 import numpy as np
 
+from skipnet.registration.alignment.normal_equations import Surfaces, match_surfaces
 from skipnet.registration.alignment.refinement import Refinement, refine
 from skipnet.registration.alignment.sparse import finish_sparse, refine_sparse
 from skipnet.registration.alignment.thin_planes import lay_on_planes
@@ -14,7 +15,13 @@ from skipnet.registration.contenders import Contenders
 from skipnet.registration.judging.judge import HOPELESS, Judge
 from skipnet.registration.judging.likeness import odd_share
 from skipnet.registration.judging.score import ROUGH
-from skipnet.registration.judging.sliding import gains_much, holds, is_weak, slide
+from skipnet.registration.judging.sliding import (
+    gains_much,
+    holds,
+    holds_against,
+    is_weak,
+    slide,
+)
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray
 
@@ -30,6 +37,8 @@ MIRROR_SAMPLES = 1500
 """Voxels with which mirror images are aligned."""
 MIN_MIRRORED = 0.3
 """How clearly the mirror image must be the better one, of ``Judge.decisiveness``."""
+ALIKE_VOXELS, MIN_NORMAL_COSINE = 0.05, 0.85
+"""How far each voxel's centroid errs where all count alike; which normals may be of one surface."""
 MAX_STEPS = 5
 """Of each candidate's first alignment, at each level."""
 
@@ -84,6 +93,22 @@ class DenseAligner:
         many voxels hold the weakest motion."""
         few = 1 + HELD_DOUBT / max(held_voxels, 1.0)
         return few * _lattice_doubt(self.source, self.target)
+
+    def evenly_held(self, T_target_source: FloatArray) -> float:
+        """Voxels that hold the weakest motion of a (4, 4) pose, however well each knows its place.
+
+        On gentle ground dense voxels before the sensor outweigh a thousandfold the slopes that hold
+        it; bare walls are held by none, whatever weighs most.
+        """
+        variance_m2 = (ALIKE_VOXELS * self.judge.voxel_size_m) ** 2
+        every, table = slice(None), self.target.skipmap.table
+        source, target = (
+            replace(one, variance_m2=np.full_like(one.variance_m2, variance_m2))
+            for one in (Surfaces.of(scan.skipmap, every) for scan in (self.source, self.target))
+        )
+        found = match_surfaces(T_target_source[None], source, target, table, MIN_NORMAL_COSINE)
+        share, _ = holds_against(found.information[0], found.matched[0], found.spread_m[0])
+        return float(share[0] * found.matched[0])
 
     def odd_share(self, T_target_source: FloatArray) -> float:
         """Share of what agrees under a (4, 4) pose that lies off by far more than the rest."""
@@ -142,6 +167,10 @@ class SparseAligner:
     def doubt(self, held_voxels: float) -> float:
         """Times that the covariance is larger than the matched surfaces' scatter predicts."""
         return SPARSE_DOUBT * _lattice_doubt(self.source, self.target)
+
+    def evenly_held(self, T_target_source: FloatArray) -> float:
+        """0: the normals of scan lines err, each alike."""
+        return 0.0
 
     def odd_share(self, T_target_source: FloatArray) -> float:
         """0: scan lines lie too far apart to tell."""

@@ -61,7 +61,8 @@ def search(
             guesses = None
         with clock("fine alignment"):
             before, running, answer = len(running), enter(running, fresh, aligner), None
-            if may_be_registered(running.score, judge.blind):
+            rival_total = running.second_total
+            if may_be_registered(running.score, judge.blind, rival_total=rival_total):
                 running = realigned(running, aligner) if before else running
                 answer = settle(running, aligner)
     if answer is None and only_registered:

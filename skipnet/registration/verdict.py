@@ -9,8 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from skipnet.registration.findings import FEATURES, MOST_HELD, Findings
-from skipnet.registration.judging.score import CHANCE_SCORE, Score
+from skipnet.registration.findings import (
+    CLEAN_MISMATCH,
+    FEATURES,
+    MAX_BLIND,
+    MOST_HELD,
+    Findings,
+)
+from skipnet.registration.judging.score import CHANCE_SCORE, STRAY_SHARE, Score
 from skipnet.types import FloatArray, Status
 
 CALIBRATION_FILE = Path(__file__).parent / "confidence.json"
@@ -18,6 +24,12 @@ MIN_CONFIDENCE = 0.55
 """A pose must be more likely right than wrong to count as registered, by some margin: of 226
 simulated answers, each judged by a fit that had not seen it, 89 were registered rightly and 2
 wrongly; with 0.5 it were 91 and 3, with 0.6 87 and 2."""
+RIVALS_STAY = 0.85
+"""When the poses in the running are aligned once more, a rival keeps this share of its score: of 96
+simulated pairs, half of them of nothing, none is missed by that, nor by 1."""
+CLEAN_GAIN = 1.0
+"""By how much the logit of the confidence is more for a pose against which nothing speaks: the fit
+asks for support, which two scans that share little cannot give. See ``CLEAN_MISMATCH``."""
 MAX_VIOLATION = 0.02
 """Scans of one shell with other furniture contradict each other by 2.9 % and more, whatever else
 agrees; right poses of dense scans with passers-by by up to 1.6 %. Scans of few lines with many
@@ -27,7 +39,15 @@ MAX_ODD_SHARE = 0.035
 specimens and mirror images of simulated arches 0.05 to 0.14."""
 MIN_HELD_VOXELS = 1.0
 """Fine alignment stays where it is along a motion that is held by less (``DAMPING_VOXELS``). Of 177
-simulated answers of the fit that were held so little, one was right."""
+simulated answers of the fit that were held so little, one was right ..."""
+MAX_WEAK_STD_VOXELS, MIN_EVENLY_HELD = 0.1, 3.0
+"""... unless what does hold it is known so exactly that it moves by no more, and that is so many
+voxels, each counted alike. On gentle ground most voxels face one way and weigh most; the few others
+hold the pose all the same: of right poses of 8 terrains and a figure that were refused, 8 are held
+by 5 to 26 voxels, of four others by 1.4 at most ..."""
+MAX_LAID_ON_ITSELF = 0.6
+"""... if no more than this agrees: what lies on itself nearly everywhere and yet is hardly held is
+a pedestal or a vase, turned."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +63,7 @@ class Verdict:
 
 def decide(findings: Findings) -> Verdict:
     """Turn the findings about the best pose into a verdict."""
-    confidence = confidence_of(findings.features)
+    confidence = confidence_of(findings.features, CLEAN_GAIN * findings.is_clean)
     seen = f"{findings.overlap:.0%} of the surfaces agree"
     if findings.matched == 0:
         return Verdict(Status.FAILED, 0.0, f"fine alignment found no hold: in the best pose {seen}")
@@ -71,7 +91,7 @@ def decide(findings: Findings) -> Verdict:
         axis = np.array2string(findings.free_turns[0], precision=2, suppress_small=True)
         reason = f"{seen}, but nothing fixes the turn about {axis} in the target's frame"
         return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
-    if findings.held_voxels < MIN_HELD_VOXELS:
+    if _is_loose(findings):
         reason = f"{seen}, but next to nothing holds the pose against a small motion"
         return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
     if len(findings.alternatives):
@@ -91,32 +111,48 @@ def decide(findings: Findings) -> Verdict:
     return Verdict(Status.REGISTERED, confidence, reason)
 
 
-def confidence_of(features: FloatArray) -> float:
-    """Calibrated probability that a pose with these ``FEATURES`` is right (logistic regression)."""
+def _is_loose(findings: Findings) -> bool:
+    """Whether next to nothing holds the pose, as far as is known."""
+    is_exact = findings.weakest_std_voxels <= MAX_WEAK_STD_VOXELS
+    is_exact = is_exact and findings.evenly_held >= MIN_EVENLY_HELD
+    is_exact = is_exact and findings.overlap <= MAX_LAID_ON_ITSELF
+    return findings.held_voxels < MIN_HELD_VOXELS and not is_exact
+
+
+def confidence_of(features: FloatArray, gained: float = 0.0) -> float:
+    """Calibrated probability that a pose with these ``FEATURES`` is right (logistic regression),
+    its logit being more by what is gained."""
     fitted = _calibration()
-    return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias))))
+    return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias + gained))))
 
 
-def may_be_registered(score: Score, blind: float, gained: float = 0.0) -> bool:
+def may_be_registered(
+    score: Score, blind: float, gained: float = 0.0, rival_total: float = 0.0
+) -> bool:
     """Whether one of (C,) scored poses may be registered, whatever else is found out about it.
 
     A bound: of what the confidence is made of, all that the score does not say is taken to be as
-    good as can be: the lead over all rivals, and the hold.
+    good as can be: the lead over all rivals but the one that is known, and the hold.
 
     Args:
         score: the judge's figures, before any closer look.
         blind: share of the two scans whose viewpoint is unknown.
         gained: by how much the logit of the confidence may rise before they are scored again.
+        rival_total: score of the second of distinct poses; another alignment may take from it.
     """
     fitted = _calibration()
 
     def weight(name: str) -> float:
         return fitted.weight(name) + blind * fitted.weight(f"blind_{name}")
 
-    most_margin = 1 - CHANCE_SCORE / max(float(score.total.max(initial=0.0)), CHANCE_SCORE)
+    top = max(float(score.total.max(initial=0.0)), CHANCE_SCORE)
+    most_margin = 1 - max(CHANCE_SCORE, RIVALS_STAY * rival_total) / top
     logit = fitted.bias + fitted.weight("blind") * blind + weight("support") * score.support
     logit = logit + fitted.weight("violation") * np.sqrt(score.violation)
     logit = logit + max(weight("margin"), 0.0) * most_margin + max(weight("held"), 0.0) * MOST_HELD
+    if blind <= MAX_BLIND:
+        clean = (score.contradiction <= STRAY_SHARE) & (score.mismatch_rate <= CLEAN_MISMATCH)
+        logit = logit + CLEAN_GAIN * clean
     return bool((logit + gained >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE))).any())
 
 

@@ -53,6 +53,17 @@ def test_noisy_scans_are_not_held_to_what_they_cannot_keep():
     np.testing.assert_array_equal(closer.total, loose.total)
 
 
+def test_what_fits_exactly_agrees_closely_and_what_fits_roughly_does_not():
+    exact, noisy = (
+        Judge(rolling_ground(1, noise_m), rolling_ground(2, noise_m), SAMPLES, 10.0)
+        for noise_m in (0.001, 0.05)
+    )
+    aside = make_transform(np.eye(3), np.array([0.5, 0.0, 0.0]))
+    assert exact.closeness(np.eye(4)) > 0.95
+    assert exact.closeness(aside) < 0.8
+    assert noisy.closeness(aside) == 1.0, "nobody can tell"
+
+
 def test_a_centroid_is_as_sure_as_its_points_are_many():
     rng = np.random.default_rng(0)
     sigma_m, per_voxel = 0.004, 50

@@ -13,7 +13,7 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.alignment.refinement import refine
+from skipnet.registration.alignment.refinement import Refinement, refine
 from skipnet.registration.judging.sliding import holds, is_weak
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
@@ -166,3 +166,17 @@ def test_with_nothing_to_hold_on_to_the_start_is_returned():
     fine = refine(start[None], levels_of(wall(0, 2.03), wall(1, 2.03)))
     np.testing.assert_array_equal(fine.T_target_source[0], start)
     assert fine.matched[0] == 0 and not fine.information.any()
+
+
+@pytest.mark.parametrize(("turn_std_rad", "weakest_m"), [(0.01, 0.02), (0.001, 0.005)])
+def test_the_weakest_motion_is_a_turn_or_a_shift(turn_std_rad, weakest_m):
+    """Points 2 m from their centre, shifts known to 5 mm."""
+    std = np.repeat([turn_std_rad, 0.005], 3)
+    held = Refinement(
+        T_target_source=np.eye(4)[None],
+        information=np.diag(1 / std**2)[None],
+        matched=np.array([100]),
+        centre_m=np.zeros((1, 3)),
+        spread_m=np.array([2.0]),
+    )
+    np.testing.assert_allclose(held.weakest_std_m, [weakest_m], rtol=1e-3)

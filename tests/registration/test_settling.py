@@ -12,7 +12,7 @@ from skipnet.registration.alignment.refinement import Refinement, no_refinement
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import Findings
-from skipnet.registration.judging.score import Score
+from skipnet.registration.judging.score import CHANCE_SCORE, Score
 from skipnet.registration.pipeline import register
 from skipnet.registration.settling import FINALISTS, enter, firmest_first
 from skipnet.registration.verdict import decide, may_be_registered
@@ -60,10 +60,14 @@ GOOD = Findings(
     support=0.85,
     decisiveness=0.9,
     mismatch=0.01,
+    contradiction=0.0,
+    closeness=1.0,
     seen_again=1.0,
     riding_worth=0.0,
     matched=10_000,
     held_voxels=50.0,
+    weakest_std_voxels=0.5,
+    evenly_held=10.0,
     is_sparse=False,
     odd_share=0.0,
     is_mirrored=False,
@@ -114,6 +118,22 @@ def test_where_nothing_would_contradict_a_fifth_must_agree():
     assert decide(replace(sure, support=0.19, blind=0.0)).status == "registered"
 
 
+def test_little_that_agrees_is_enough_where_nothing_at_all_speaks_against_it():
+    little = replace(GOOD, support=0.1, overlap=0.12, margin=0.4, held_voxels=20.0)
+    assert decide(little).status == "registered"
+    for spoilt in ({"contradiction": 0.001}, {"mismatch": 0.1}, {"closeness": 0.7}):
+        assert decide(replace(little, **spoilt)).status == "failed"
+
+
+def test_gentle_ground_is_held_by_few_voxels_if_these_know_their_place():
+    ground = replace(GOOD, held_voxels=0.1, weakest_std_voxels=0.05, overlap=0.4, support=0.4)
+    assert decide(ground).status == "registered"
+    assert decide(replace(ground, weakest_std_voxels=0.2)).status == "ambiguous"
+    assert decide(replace(ground, evenly_held=1.0)).status == "ambiguous"
+    # What lies on itself nearly everywhere may be a vase, turned.
+    assert decide(replace(ground, overlap=0.9)).status == "ambiguous"
+
+
 @pytest.mark.parametrize("blind", [0.0, 0.3, 1.0])
 def test_what_cannot_be_registered_is_never_registered_whatever_else_is_found(blind):
     rng = np.random.default_rng(8)
@@ -126,17 +146,28 @@ def test_what_cannot_be_registered_is_never_registered_whatever_else_is_found(bl
             support=support,
             overlap=support,
             violation=violation,
-            margin=max(1 - max(0.05, rng.uniform(0, 0.3)) / max(total, 1e-9), 0.0),
+            margin=max(1 - max(CHANCE_SCORE, rng.uniform(0, 0.3)) / max(total, 1e-9), 0.0),
             held_voxels=rng.uniform(1, 500),
             blind=blind,
+            contradiction=rng.choice([0.0, 0.01]),
+            mismatch=rng.choice([0.0, 0.1]),
         )
         one = np.array([support])
-        score = Score(np.array([total]), one, np.array([violation]), one, 0 * one, 0 * one)
+        against = np.array([found.contradiction]), one * found.mismatch / (1 - found.mismatch)
+        score = Score(np.array([total]), one, np.array([violation]), one, *against)
         may_be = may_be_registered(score, blind)
         is_registered = decide(found).status is Status.REGISTERED
         assert may_be or not is_registered
         registered, ruled_out = registered + is_registered, ruled_out + (not may_be)
     assert registered > 20 and ruled_out > 20
+
+
+def test_a_close_rival_rules_out_what_its_score_alone_does_not():
+    one = np.array([0.12])
+    score = Score(one, one, 0 * one, one, 0 * one, 0 * one)
+    assert may_be_registered(score, 0.0)
+    assert may_be_registered(score, 0.0, rival_total=0.05)
+    assert not may_be_registered(score, 0.0, rival_total=0.11)
 
 
 def test_without_candidates_nothing_may_be_registered():

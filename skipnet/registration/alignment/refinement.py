@@ -49,6 +49,15 @@ class Refinement:
         loose = _FREE * np.maximum(diagonal, diagonal.max(axis=1, keepdims=True, initial=1e-12))
         return np.linalg.inv(self.information + np.eye(6) * loose[..., None])
 
+    @property
+    def weakest_std_m(self) -> FloatArray:
+        """(C,) standard deviation of how far the matched points move in the small motion that is
+        held least."""
+        lever_m = np.repeat(np.stack([self.spread_m, np.ones(len(self.spread_m))], axis=1), 3, 1)
+        moved_m2 = self.covariance * lever_m[:, :, None] * lever_m[:, None]
+        std_m: FloatArray = np.sqrt(np.maximum(np.linalg.eigvalsh(moved_m2)[:, -1], 0.0))
+        return std_m
+
     def __getitem__(self, rows: IntArray | slice) -> Refinement:
         """The candidates of some rows."""
         return Refinement(*(getattr(self, one.name)[rows] for one in fields(self)))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skipnet.registration.judging.score import FINE, Score
-from skipnet.types import FloatArray
+from skipnet.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from skipnet.registration.judging.judge import Judge
@@ -30,6 +30,9 @@ MIN_KEPT = 0.8
 """A tolerance is below the scans' noise when every candidate loses more of its overlap to it."""
 MIN_STANDING = 0.3
 """Only candidates with this share of the best score say what the noise allows."""
+
+_UNSURE_WEIGHT = 1e-6
+"""Where no voxel that has a say agrees, the others tell."""
 
 
 def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Score:
@@ -47,8 +50,7 @@ def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Scor
     standing = score.total >= MIN_STANDING * score.total.max()
     total = score.total
     for tolerance_voxels in TOLERANCES_VOXELS:
-        errors_voxels = (scan.centroid_errors_voxels for scan in (judge.source, judge.target))
-        if min((one < SURE_SHARE * tolerance_voxels).mean() for one in errors_voxels) < MIN_SURE:
+        if _sure(judge, tolerance_voxels) is None:
             break
         strict = replace(FINE, max_distance_voxels=tolerance_voxels)
         kept = judge.overlap(T_target_source, strict) / np.maximum(score.overlap, 1e-9)
@@ -58,3 +60,31 @@ def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Scor
         total = score.total * kept**2
     best = total.argmax()
     return replace(score, total=total * (score.total[best] / max(total[best], 1e-9)))
+
+
+def closeness(judge: Judge, T_target_source: FloatArray) -> float:
+    """Share of what agrees under a (4, 4) pose that does so twice as closely, by its worth; 1 where
+    too few voxels know their place so exactly."""
+    tolerance_voxels = TOLERANCES_VOXELS[0]
+    sure = _sure(judge, tolerance_voxels)
+    if sure is None:
+        return 1.0
+    source, target = (
+        scan.weighing(one + _UNSURE_WEIGHT)
+        for scan, one in zip((judge.source, judge.target), sure, strict=True)
+    )
+    surely = replace(judge, source=source, target=target)
+    strict = replace(FINE, max_distance_voxels=tolerance_voxels)
+    loose_support, strict_support = (
+        float(surely.score(T_target_source[None], limit).support[0]) for limit in (FINE, strict)
+    )
+    return strict_support / max(loose_support, 1e-9)
+
+
+def _sure(judge: Judge, tolerance_voxels: float) -> list[BoolArray] | None:
+    """Of each scan which voxels know their place so exactly; None where these are too few."""
+    sure = [
+        scan.centroid_errors_voxels < SURE_SHARE * tolerance_voxels
+        for scan in (judge.source, judge.target)
+    ]
+    return sure if min(one.mean() for one in sure) >= MIN_SURE else None

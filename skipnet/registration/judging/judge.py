@@ -14,7 +14,7 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.parallel.threads import side_by_side
-from skipnet.registration.judging.closer_look import look_closer
+from skipnet.registration.judging.closer_look import closeness, look_closer
 from skipnet.registration.judging.score import (
     FINE,
     MISMATCH_WEIGHT,
@@ -141,6 +141,10 @@ class Judge:
     def closer(self, T_target_source: FloatArray, score: Score) -> Score:
         """Score (C, 4, 4) poses anew, as strictly as the scans' noise allows."""
         return look_closer(self, T_target_source, score)
+
+    def closeness(self, T_target_source: FloatArray) -> float:
+        """How closely what agrees under a (4, 4) pose does so, see ``closer_look.closeness``."""
+        return closeness(self, T_target_source)
 
     def distinct(self, T_target_source: FloatArray, score: Score) -> IntArray:
         """Rows of the (C, 4, 4) poses that differ from every better one, best first."""
