@@ -124,7 +124,7 @@ def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> A
         return Answer.none()
     kept = judge.distinct(T, score)
     if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_MARGIN) * score.total[kept[0]]:
-        T, score = looked_at_closely(T, score, running.fine, aligner)
+        score = judge.closer(T, score)
         kept = judge.distinct(T, score)
     kept = clearest_first(kept, score, fine, T, judge)
     best = replace(fine[kept[:1]], T_target_source=T[kept[:1]])
@@ -135,26 +135,6 @@ def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> A
     return Answer(
         running.coarse[kept], T[kept], best.T_target_source[0], decide(findings), findings
     )
-
-
-def looked_at_closely(
-    T_target_source: FloatArray, score: Score, fine: Refinement, aligner: Aligner
-) -> tuple[FloatArray, Score]:
-    """Poses with what a closer look says of them.
-
-    Rough alignment may err by more than the closer look allows: where the best pose loses by it,
-    this one and the one that would take its place are aligned finely, and all are looked at again.
-    """
-    T, judge = T_target_source, aligner.judge
-    closer = judge.closer(T, score)
-    rows = np.array([score.total.argmax(), closer.total.argmax()])
-    if aligner.is_sparse or rows[0] == rows[1]:
-        return T, closer
-    T = T.copy()
-    for row in rows:
-        polished = aligner.finish(fine[row : row + 1], T[row], float(score.total[row]))
-        T[row] = polished.T_target_source[0]
-    return T, judge.closer(T, judge.score(T))
 
 
 def clearest_first(
