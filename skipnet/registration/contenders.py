@@ -51,8 +51,3 @@ class Contenders:
     def best_total(self) -> float:
         """The best one's score; 0 without any."""
         return float(self.score.total.max(initial=0.0))
-
-    @property
-    def second_total(self) -> float:
-        """The second one's score; 0 without two."""
-        return float(np.sort(self.score.total)[-2]) if len(self) > 1 else 0.0

@@ -61,8 +61,7 @@ def search(
             guesses = None
         with clock("fine alignment"):
             before, running, answer = len(running), enter(running, fresh, aligner), None
-            rival_total = running.second_total
-            if may_be_registered(running.score, judge.blind, rival_total=rival_total):
+            if may_be_registered(running.score, judge.blind):
                 running = realigned(running, aligner) if before else running
                 answer = settle(running, aligner)
     if answer is None and only_registered:

@@ -24,9 +24,6 @@ MIN_CONFIDENCE = 0.55
 """A pose must be more likely right than wrong to count as registered, by some margin: of 226
 simulated answers, each judged by a fit that had not seen it, 89 were registered rightly and 2
 wrongly; with 0.5 it were 91 and 3, with 0.6 87 and 2."""
-RIVALS_STAY = 0.85
-"""When the poses in the running are aligned once more, a rival keeps this share of its score: of 96
-simulated pairs, half of them of nothing, none is missed by that, nor by 1."""
 CLEAN_GAIN = 1.0
 """By how much the logit of the confidence is more for a pose against which nothing speaks: the fit
 asks for support, which two scans that share little cannot give. See ``CLEAN_MISMATCH``."""
@@ -126,27 +123,23 @@ def confidence_of(features: FloatArray, gained: float = 0.0) -> float:
     return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias + gained))))
 
 
-def may_be_registered(
-    score: Score, blind: float, gained: float = 0.0, rival_total: float = 0.0
-) -> bool:
+def may_be_registered(score: Score, blind: float, gained: float = 0.0) -> bool:
     """Whether one of (C,) scored poses may be registered, whatever else is found out about it.
 
     A bound: of what the confidence is made of, all that the score does not say is taken to be as
-    good as can be: the lead over all rivals but the one that is known, and the hold.
+    good as can be: the lead over all rivals, and the hold.
 
     Args:
         score: the judge's figures, before any closer look.
         blind: share of the two scans whose viewpoint is unknown.
         gained: by how much the logit of the confidence may rise before they are scored again.
-        rival_total: score of the second of distinct poses; another alignment may take from it.
     """
     fitted = _calibration()
 
     def weight(name: str) -> float:
         return fitted.weight(name) + blind * fitted.weight(f"blind_{name}")
 
-    top = max(float(score.total.max(initial=0.0)), CHANCE_SCORE)
-    most_margin = 1 - max(CHANCE_SCORE, RIVALS_STAY * rival_total) / top
+    most_margin = 1 - CHANCE_SCORE / max(float(score.total.max(initial=0.0)), CHANCE_SCORE)
     logit = fitted.bias + fitted.weight("blind") * blind + weight("support") * score.support
     logit = logit + fitted.weight("violation") * np.sqrt(score.violation)
     logit = logit + max(weight("margin"), 0.0) * most_margin + max(weight("held"), 0.0) * MOST_HELD

@@ -162,14 +162,6 @@ def test_what_cannot_be_registered_is_never_registered_whatever_else_is_found(bl
     assert registered > 20 and ruled_out > 20
 
 
-def test_a_close_rival_rules_out_what_its_score_alone_does_not():
-    one = np.array([0.12])
-    score = Score(one, one, 0 * one, one, 0 * one, 0 * one)
-    assert may_be_registered(score, 0.0)
-    assert may_be_registered(score, 0.0, rival_total=0.05)
-    assert not may_be_registered(score, 0.0, rival_total=0.11)
-
-
 def test_without_candidates_nothing_may_be_registered():
     assert not may_be_registered(Contenders.none().score, 0.0)
 
