@@ -10,10 +10,8 @@ from skipnet.types import FloatArray, IntArray
 
 MISMATCH_WEIGHT = 2.0
 """How fast mismatches devalue a pose: by exp(-weight * mismatch / support)."""
-CHANCE_SCORE = 0.02
-"""What some pose always scores: a lead counts against this, though no rival be found. What chance
-gives in a pair its rivals tell, by the dozen; 0.05 held down right poses of little overlap
-outdoors, and of 757 simulated trials it kept no wrong one away."""
+CHANCE_SCORE = 0.05
+"""What some pose always scores: a lead counts against this, though no rival be found."""
 STRAY_SHARE = 0.0003
 """Share of voxels that may contradict by chance: one of 4000 samples."""
 
