@@ -21,8 +21,11 @@ from skipnet.projects.ways import PairKey, Standards
 from skipnet.projects.witness import MIN_OVERLAP, Witness
 from skipnet.types import FloatArray
 
+ATTEMPTS = 4
+"""Searches that begin anew: what one of them does not come upon may be as good, or better."""
 FRESH = 6
-"""Configurations that are made from single scans."""
+"""Configurations that are made from single scans at the start of each (of the first, beside the one
+of the most promising joins first); the best of them is gone on from."""
 PATIENCE = 60
 """So many attempts without a better one end the search, ..."""
 PATIENCE_PER_SCAN = 3
@@ -70,16 +73,32 @@ def configurations(
         standards: what a join must fulfil.
     """
     builder = Builder(edges_of(proposals, standards), witness, standards)
-    rng = np.random.default_rng(0)
-    alone = all_alone(scans)
-    best = builder.build(alone, None)
-    found = {_name(best, witness): best}
-    for _ in range(FRESH):
-        made = builder.build(alone, rng)
-        found.setdefault(_name(made, builder.witness), made)
-    while True:
-        best = reached = _improved(max(found.values(), key=_merit), builder, rng, found)
-        for scan in scans:
+    rng, alone = np.random.default_rng(0), all_alone(scans)
+    found: dict[bytes, Configuration] = {}
+    starts = [builder.build(alone, None)]
+    for _ in range(ATTEMPTS):
+        starts += [builder.build(alone, rng) for _ in range(FRESH)]
+        _search(max(starts, key=_merit), builder, rng, found)
+        starts = []
+    best = max(found.values(), key=_merit)
+    least = ABOUT_AS_GOOD * best.merit
+    others = [one for one in found.values() if one is not best and one.merit >= least]
+    return [best, *sorted(others, key=lambda one: -one.merit)]
+
+
+def _search(
+    best: Configuration,
+    builder: Builder,
+    rng: np.random.Generator,
+    found: dict[bytes, Configuration],
+) -> None:
+    """Go on from a configuration until nothing better comes, every scan put elsewhere too; all on
+    the way are kept."""
+    reached = -np.inf
+    while best.merit > reached + WORTH_GOING_ON:
+        best = _improved(best, builder, rng, found)
+        reached = best.merit
+        for scan in sorted(scan for one in best.poses for scan in one):
             without = builder.following(best, scan)
             others = [
                 builder.build(_taken_apart(best, rng, scan), rng, without)
@@ -88,12 +107,6 @@ def configurations(
             for made in others:
                 found.setdefault(_name(made, builder.witness), made)
             best = max([best, *others], key=_merit)
-        if best.merit <= reached.merit + WORTH_GOING_ON:
-            break
-    best = max(found.values(), key=_merit)
-    least = ABOUT_AS_GOOD * best.merit
-    others = [one for one in found.values() if one is not best and one.merit >= least]
-    return [best, *sorted(others, key=lambda one: -one.merit)]
 
 
 def _improved(
@@ -104,6 +117,7 @@ def _improved(
 ) -> Configuration:
     """A configuration from which nothing better was found for long; all on the way are kept."""
     current, idle = best, 0
+    found.setdefault(_name(best, builder.witness), best)
     while idle < PATIENCE + PATIENCE_PER_SCAN * sum(map(len, best.poses)):
         made = builder.build(_taken_apart(current, rng), rng)
         found.setdefault(_name(made, builder.witness), made)
