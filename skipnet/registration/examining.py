@@ -71,8 +71,7 @@ def find_out(
     """What the verdict rests on.
 
     Args:
-        judge: of both scans.
-        aligner: likewise.
+        judge, aligner: of both scans.
         best: the best pose, finely aligned.
         fine: the rough alignment of all candidates.
         T_target_source: (K, 4, 4) all refined candidates.
@@ -83,9 +82,9 @@ def find_out(
     rivals = _rivals(judge, fine, T_target_source, score, kept)
     directions = _free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
-    no_turns, held = np.zeros((0, 3)), held_voxels(best, 0)
+    held = held_voxels(best, 0)
     # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
-    asks_turns = not (len(directions) or aligner.is_sparse)
+    no_turns = len(directions) > 0 or aligner.is_sparse
     return Findings(
         overlap=float(score.overlap[first]),
         violation=float(score.violation[first]),
@@ -108,7 +107,7 @@ def find_out(
         covariance=aligner.doubt(held) * best.covariance[0],
         covariance_centre_m=best.centre_m[0],
         free_directions=directions,
-        free_turns=_free_turns(judge, best) if asks_turns else no_turns,
+        free_turns=np.zeros((0, 3)) if no_turns else _free_turns(judge, best),
         alternatives=rivals.alternatives,
     )
 
