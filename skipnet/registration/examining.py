@@ -78,11 +78,10 @@ def find_out(
         score: the judge's figures for these.
         kept: rows of the distinct ones, best first.
     """
-    first, T_best = kept[0], best.T_target_source[0]
+    first, T_best, held = kept[0], best.T_target_source[0], held_voxels(best, 0)
     rivals = _rivals(judge, fine, T_target_source, score, kept)
     directions = _free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
-    held = held_voxels(best, 0)
     # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
     no_turns = len(directions) > 0 or aligner.is_sparse
     return Findings(
