@@ -69,6 +69,7 @@ class Witness:
         self._evidence = evidence
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
         self._about: dict[tuple[int, int, bytes], tuple[float, float]] = {}
+        self._at_a_glance: dict[tuple[int, int, bytes], tuple[float, float]] = {}
         self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
         self.voxel_size_m = evidence[0].voxel_size_m
         # Of each scan (4, 3) what tells one pose from another: two axes and the centre, in steps.
@@ -95,17 +96,19 @@ class Witness:
         return np.array([self._said[key] for key in keys]).reshape(-1, 2).T
 
     def about(self, target: int, source: int, T_target_source: FloatArray) -> tuple[float, float]:
-        """Overlap and violation of a (4, 4) pose, or of one by a tenth of a voxel beside it that
+        """Overlap and violation of a (4, 4) pose, or of one by a third of a voxel beside it that
         has been asked about; at a glance where that is refuted without doubt."""
         steps = T_target_source[:3] @ self._told_by[source]
         key = target, source, np.rint(steps).astype(np.int32).tobytes()
         if key not in self._about:
-            T = T_target_source[None]
-            overlap, violation = self._ask(target, source, T, GLANCE_SAMPLES)[:, 0]
-            is_refuted, sees_nothing = violation > GROSS * self.hopeless, overlap == violation == 0
-            if not is_refuted and not sees_nothing:
-                overlap, violation = self._ask(target, source, T)[:, 0]
-            self._about[key] = float(overlap), float(violation)
+            if key not in self._at_a_glance:
+                seen = self._ask(target, source, T_target_source[None], GLANCE_SAMPLES)[:, 0]
+                self._at_a_glance[key] = float(seen[0]), float(seen[1])
+            overlap, violation = self._at_a_glance[key]
+            if violation > GROSS * self.hopeless or overlap == violation == 0:
+                return overlap, violation
+            said = self._ask(target, source, T_target_source[None])[:, 0]
+            self._about[key] = float(said[0]), float(said[1])
         return self._about[key]
 
     def meeting(

@@ -238,6 +238,18 @@ def _find_around(cells: IntArray, steps: IntArray, tables: _Tables, found: IntAr
             found[k, o] = rows[block, _in_block(x, y, z)] >> _STEP_BITS
 
 
+@inlined
+def _moved_cell(
+    T_cells_points: FloatArray, x_m: float, y_m: float, z_m: float
+) -> tuple[int, int, int]:
+    """The cell that a point lies in once it is moved."""
+    T = T_cells_points
+    x = _cell(T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3])
+    y = _cell(T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3])
+    z = _cell(T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3])
+    return x, y, z
+
+
 @compiled
 def _find_moved(
     T_cells_points: FloatArray, points_m: FloatArray, tables: _Tables, found: IntArray
@@ -247,10 +259,7 @@ def _find_moved(
     for c in range(len(T_cells_points)):
         T = T_cells_points[c]
         for s in range(found.shape[1]):
-            x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
-            x = _cell(T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3])
-            y = _cell(T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3])
-            z = _cell(T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3])
+            x, y, z = _moved_cell(T, points_m[s, 0], points_m[s, 1], points_m[s, 2])
             block = _block_of(x, y, z, blocks)
             found[c, s] = rows[block, _in_block(x, y, z)] >> _STEP_BITS
 
@@ -269,10 +278,7 @@ def _find_in_box(
     for c in range(len(T_cells_points)):
         T = T_cells_points[c]
         for s in range(found.shape[1]):
-            x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
-            x = _cell(T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3])
-            y = _cell(T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3])
-            z = _cell(T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3])
+            x, y, z = _moved_cell(T, points_m[s, 0], points_m[s, 1], points_m[s, 2])
             i, j, k = (x >> _BITS) - lowest[0], (y >> _BITS) - lowest[1], (z >> _BITS) - lowest[2]
             inside = ((i | j | k) >= 0) & (i < X) & (j < Y) & (k < Z)
             block = first[_place_of(x, y, z, first)] if inside else 0
