@@ -61,8 +61,8 @@ class RangeImage:
         T[:, :, 3] -= self.viewpoint_m
         limits = np.float32(1 - free_share), np.float32(free_m)
         places = np.empty(asked.shape[1], np.int32), np.empty(asked.shape[1], np.float32)
-        front = np.empty_like(asked)
-        _in_front(T.astype(np.float32), points_m, asked, self.nearest_m, limits, places, front)
+        columns_m, front = points_m[: asked.shape[1]].T.copy(), np.empty_like(asked)
+        _in_front(T.astype(np.float32), columns_m, asked, self.nearest_m, limits, places, front)
         return front
 
 
@@ -144,27 +144,31 @@ def _take_nearest(points_m: FloatArray, T_image_points: FloatArray, nearest_m: F
 @compiled
 def _in_front(
     T_image_points: FloatArray,
-    points_m: FloatArray,
+    columns_m: FloatArray,
     asked: BoolArray,
     nearest_m: FloatArray,
     limits: tuple[np.float32, np.float32],
     places: tuple[IntArray, FloatArray],
     front: BoolArray,
 ) -> None:
-    """See ``RangeImage.in_front``; the sensor is at 0. Where a point lies is worked out for several
-    at a time, asked about or not."""
+    """See ``RangeImage.in_front``, of (3, S) coordinates; the sensor is at 0. Where a point lies is
+    worked out for several at a time, asked about or not."""
     bins, squares_m2 = places
     ranges_m, (seen_share, free_m) = nearest_m.ravel(), limits
     one, zero = np.float32(1), np.float32(0)
     side = np.int32(len(nearest_m))
     half, last = np.float32(0.5) * np.float32(side), np.float32(side - 1)
+    xs_m, ys_m, zs_m = columns_m[0], columns_m[1], columns_m[2]
     for c in range(len(T_image_points)):
         T = T_image_points[c]
+        # Numbers of their own: what is read from an array could change with what is written.
+        xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+        yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+        zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
         for s in range(len(bins)):
-            x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
-            x = T[0, 0] * x_m + T[0, 1] * y_m + T[0, 2] * z_m + T[0, 3]
-            y = T[1, 0] * x_m + T[1, 1] * y_m + T[1, 2] * z_m + T[1, 3]
-            z = T[2, 0] * x_m + T[2, 1] * y_m + T[2, 2] * z_m + T[2, 3]
+            x = xx * xs_m[s] + xy * ys_m[s] + xz * zs_m[s] + x0
+            y = yx * xs_m[s] + yy * ys_m[s] + yz * zs_m[s] + y0
+            z = zx * xs_m[s] + zy * ys_m[s] + zz * zs_m[s] + z0
             length = abs(x) + abs(y) + abs(z)
             scale = one / length if length > zero else zero
             u, v = x * scale, y * scale
@@ -173,9 +177,10 @@ def _in_front(
             line = np.int32(min(last, max(zero, (v + one) * half)))
             bins[s] = line * side + np.int32(min(last, max(zero, (u + one) * half)))
             squares_m2[s] = x * x + y * y + z * z
+        was_asked, is_front = asked[c], front[c]
         for s in range(len(bins)):
             seen_m = seen_share * ranges_m[bins[s]] - free_m
-            front[c, s] = asked[c, s] & (seen_m > zero) & (squares_m2[s] < seen_m * seen_m)
+            is_front[s] = was_asked[s] & (seen_m > zero) & (squares_m2[s] < seen_m * seen_m)
 
 
 @compiled

@@ -95,11 +95,13 @@ class CellTable:
         T_cells_points[:, :, 3] -= self.origin_m
         T_cells_points *= 1 / self.voxel_size_m
         T_cells_points = T_cells_points.astype(points_m.dtype)
-        found = np.empty((len(T_table_points), len(points_m[:samples])), dtype=np.int32)
+        points_m = points_m[:samples]
+        found = np.empty((len(T_table_points), len(points_m)), dtype=np.int32)
         if self._lowest is None:
             _find_moved(T_cells_points, points_m, self._tables, found)
         else:
-            _find_in_box(T_cells_points, points_m, self._tables, self._lowest, found)
+            columns_m, places = points_m.T.copy(), np.empty((2, len(points_m)), dtype=np.int32)
+            _find_in_box(T_cells_points, columns_m, self._tables, self._lowest, places, found)
         return found
 
     def find_along(
@@ -267,22 +269,39 @@ def _find_moved(
 @compiled
 def _find_in_box(
     T_cells_points: FloatArray,
-    points_m: FloatArray,
+    columns_m: FloatArray,
     tables: _Tables,
     lowest: IntArray,
+    places: IntArray,
     found: IntArray,
 ) -> None:
-    """As ``_find_moved``, where every block has a place of its own: no key is read."""
+    """As ``_find_moved``, of (3, S) coordinates, where every block has a place of its own: no key
+    is read. Places are worked out for several points at a time, then looked up."""
     (first, _, _), rows = tables
-    X, Y, Z = first.shape
+    X, Y, Z = np.int32(first.shape[0]), np.int32(first.shape[1]), np.int32(first.shape[2])
+    low_x, low_y, low_z = np.int32(lowest[0]), np.int32(lowest[1]), np.int32(lowest[2])
+    blocks, cells = first.ravel(), rows.ravel()
+    place, in_block = places[0], places[1]
+    xs_m, ys_m, zs_m = columns_m[0], columns_m[1], columns_m[2]
     for c in range(len(T_cells_points)):
         T = T_cells_points[c]
-        for s in range(found.shape[1]):
-            x, y, z = _moved_cell(T, points_m[s, 0], points_m[s, 1], points_m[s, 2])
-            i, j, k = (x >> _BITS) - lowest[0], (y >> _BITS) - lowest[1], (z >> _BITS) - lowest[2]
+        # Numbers of their own: what is read from an array could change with what is written.
+        xx, xy, xz, x0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+        yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+        zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+        for s in range(len(place)):
+            x = np.int32(_cell(xx * xs_m[s] + xy * ys_m[s] + xz * zs_m[s] + x0))
+            y = np.int32(_cell(yx * xs_m[s] + yy * ys_m[s] + yz * zs_m[s] + y0))
+            z = np.int32(_cell(zx * xs_m[s] + zy * ys_m[s] + zz * zs_m[s] + z0))
+            i, j, k = (x >> _BITS) - low_x, (y >> _BITS) - low_y, (z >> _BITS) - low_z
             inside = ((i | j | k) >= 0) & (i < X) & (j < Y) & (k < Z)
-            block = first[_place_of(x, y, z, first)] if inside else 0
-            found[c, s] = rows[block, _in_block(x, y, z)] >> _STEP_BITS
+            u, v, w = _place_of(x, y, z, first)
+            place[s] = (u * Y + v) * Z + w if inside else -1
+            in_block[s] = _in_block(x, y, z)
+        own = found[c]
+        for s in range(len(place)):
+            block = blocks[place[s]] if place[s] >= 0 else 0
+            own[s] = cells[block * _SIDE**3 + in_block[s]] >> _STEP_BITS
 
 
 @inlined
