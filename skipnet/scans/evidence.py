@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -89,12 +90,24 @@ class Evidence:
 
     def shares(self, samples: int) -> FloatArray:
         """(2, S) what the first so many voxels stand for, by number and by weight; all sum to 1."""
+        if samples not in self._shares:
+            self._shares[samples] = self._share(samples)
+        return self._shares[samples]
+
+    @cached_property
+    def _shares(self) -> dict[int, FloatArray]:
+        """By samples, as they are asked for."""
+        return {}
+
+    def _share(self, samples: int) -> FloatArray:
+        """See ``shares``."""
         count = min(samples, len(self.points_m))
         chance = np.ones(count, dtype=np.float32)
         if samples < len(self.points_m):
             chance = -np.expm1(-self.rates[:count] * self.arrivals[count])
         each = np.stack([np.ones(count, dtype=np.float32), self.weights[:count]]) / chance
-        return each / each.sum(axis=1, keepdims=True)
+        share: FloatArray = each / each.sum(axis=1, keepdims=True)
+        return share
 
 
 def build_evidence(
