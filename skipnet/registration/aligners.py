@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Union
 
@@ -14,7 +15,7 @@ from skipnet.registration.alignment.thin_planes import lay_on_planes
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.judging.judge import HOPELESS, Judge
 from skipnet.registration.judging.likeness import odd_share
-from skipnet.registration.judging.score import ROUGH
+from skipnet.registration.judging.score import ROUGH, Score
 from skipnet.registration.judging.sliding import (
     gains_much,
     holds,
@@ -162,6 +163,9 @@ class SparseAligner:
     judge: Judge
     samples: int
     """Voxels of the source with which candidates are refined before GICP."""
+    may_count: Callable[[Score], bool]
+    """Whether half aligned poses with these scores are near enough to being registered to be
+    aligned on."""
     is_sparse = True
 
     def doubt(self, held_voxels: float) -> float:
@@ -191,7 +195,10 @@ class SparseAligner:
         rough = judge.score(fine.T_target_source, ROUGH)
         rows = judge.distinct(fine.T_target_source, rough)[:SPARSE_FINALISTS]
         rows = rows[rough.total[rows] >= HOPELESS * max(rough.total.max(), rival_total)]
-        fine = refine_sparse(fine[rows], self.source.thinned, self.target.thinned, voxel_size_m)
+        thinned = self.source.thinned, self.target.thinned
+        fine = refine_sparse(
+            fine[rows], *thinned, voxel_size_m, lambda T: self.may_count(judge.score(T))
+        )
         score = judge.score(fine.T_target_source)
         return Contenders(coarse[rows], fine, fine.T_target_source, score)
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _ROUNDED_UP = 1 + 1e-9
 """So that no point that is just in reach seems to lie in the cell but one."""
+_ACROSS = 1e-3
+"""Variance across a surface, of 1 within it, that small_gicp takes."""
 NEIGHBOURS = 10
 """Points that make a surface: enough to bridge two scan lines."""
 
@@ -66,5 +68,7 @@ def thin(points_m: FloatArray, voxel_size_m: float) -> Thinned:
     points_m = np.ascontiguousarray(points_m, dtype=np.float64)
     cloud, tree = preprocess_points(points_m, voxel_size_m, NEIGHBOURS)
     kept_m = np.ascontiguousarray(np.asarray(cloud.points())[:, :3])
-    covariances = np.array(cloud.covs())[:, :3, :3]
-    return Thinned(cloud, tree, kept_m, np.ascontiguousarray(covariances))
+    # As the cloud's own, which come as a list of arrays: 1 within the surface, little across.
+    normals = np.asarray(cloud.normals())[:, :3]
+    covariances = np.eye(3) - (1 - _ACROSS) * normals[:, :, None] * normals[:, None]
+    return Thinned(cloud, tree, kept_m, covariances)

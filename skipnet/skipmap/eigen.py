@@ -44,7 +44,7 @@ def symmetric_eigh(six: FloatArray) -> tuple[FloatArray, FloatArray]:
         for k in range(count):
             for entry in range(6):
                 entries[entry * _BLOCK + k] = six[start + k, entry]
-        _solve_block(entries, solved)
+        _solve_block(entries, solved, count)
         for k in range(count):
             for column in range(3):
                 values[start + k, column] = solved[column * _BLOCK + k]
@@ -55,9 +55,10 @@ def symmetric_eigh(six: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @compiled
-def _solve_block(entries: FloatArray, solved: FloatArray) -> None:
-    """A block's (6,) entries, one after the other, into (3,) eigenvalues and (3, 3) vectors."""
-    for k in range(_BLOCK):
+def _solve_block(entries: FloatArray, solved: FloatArray, count: int) -> None:
+    """The (6,) entries of so many matrices of a block, one after the other, into (3,) eigenvalues
+    and (3, 3) vectors."""
+    for k in range(count):
         xx, xy, xz = entries[k], entries[_BLOCK + k], entries[2 * _BLOCK + k]
         yy, yz, zz = entries[3 * _BLOCK + k], entries[4 * _BLOCK + k], entries[5 * _BLOCK + k]
         scale = max(max(abs(xx), abs(xy)), max(abs(xz), abs(yy)), max(abs(yz), abs(zz)))

@@ -9,6 +9,8 @@ checked here is that an answer is still the pose that was asked about.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from skipnet.registration.alignment.distributions import match_distributions
@@ -32,7 +34,11 @@ MAX_SHIFT_VOXELS = 3.0
 
 
 def refine_sparse(
-    before: Refinement, source: Thinned, target: Thinned, voxel_size_m: float
+    before: Refinement,
+    source: Thinned,
+    target: Thinned,
+    voxel_size_m: float,
+    are_worth_more: Callable[[FloatArray], bool] = lambda T_target_source: True,
 ) -> Refinement:
     """Refine candidate poses by GICP; those that run away or find nothing stay as they were.
 
@@ -41,6 +47,8 @@ def refine_sparse(
         source: of ``thin``.
         target: likewise.
         voxel_size_m: edge of a voxel.
+        are_worth_more: asked of the (C, 4, 4) poses after the farthest correspondences, which move
+            them most: whether nearer ones are worth the time.
     """
     T = before.T_target_source
     if len(T) == 0:
@@ -54,6 +62,8 @@ def refine_sparse(
             T, moved_m = gauss_newton_step(T, matches)
             if moved_m < 1e-3 * voxel_size_m:
                 break
+        if reach_voxels == REACHES_VOXELS[0] and not are_worth_more(T):
+            break
     # The mean squared Mahalanobis distance is the scale that the covariances leave open; what a
     # sample holds, all points hold so many times as firmly.
     firmness = share / (CORRELATED * np.maximum(squared, 1e-12))

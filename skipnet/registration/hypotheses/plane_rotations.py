@@ -108,17 +108,18 @@ def _sum_of_best(cosine: FloatArray, area: FloatArray, min_cosine: float) -> Flo
     """(R,) over S source planes, the largest (T, S) area among the target planes along them, as
     often as it comes; (R, T * S) cosines tell what is along."""
     sums, (targets, sources) = np.zeros(len(cosine)), area.shape
-    best = np.empty(sources)
+    best, count = np.empty(sources), np.empty(sources)
     for r in range(len(cosine)):
-        best[:] = 0
+        best[:], count[:] = 0, 0
         for t in range(targets):
+            along, shared = cosine[r, t * sources : (t + 1) * sources], area[t]
             for s in range(sources):
-                along = cosine[r, t * sources + s] > min_cosine
-                best[s] = max(best[s], area[t, s] * along)
-        for t in range(targets):
-            for s in range(sources):
-                along = cosine[r, t * sources + s] > min_cosine
-                sums[r] += best[s] * (along and area[t, s] == best[s])
+                here = shared[s] if along[s] > min_cosine else 0.0
+                again = count[s] + (1.0 if here == best[s] else 0.0)
+                count[s] = 1.0 if here > best[s] else again
+                best[s] = max(best[s], here)
+        for s in range(sources):
+            sums[r] += best[s] * count[s]
     return sums
 
 

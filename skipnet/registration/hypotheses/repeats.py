@@ -9,6 +9,8 @@ meet at once, a rival is worth the judge's time.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from skipnet.compiled import compiled
@@ -42,15 +44,14 @@ def from_repeats(T_target_source: FloatArray, source: Evidence, target: Evidence
         target: likewise.
     """
     oriented = min(source.trust, target.trust) > MIN_TRUST
-    there_m, there_normals = target.points_m[:VOTERS], target.normals[:VOTERS]
-    axis, found = main_axis(target.normals), []
-    ballot = np.zeros((_BUCKETS, 2), np.int64)
+    there = target.points_m[:VOTERS].T.copy(), target.normals[:VOTERS].T.copy()
+    axis, found, ballot = main_axis(target.normals), [], _Ballot.empty()
     for turn_rad in TURNS_RAD:
         rotation = rotation_from_vector(turn_rad * axis) @ T_target_source[:3, :3]
         turned = rotation.astype(np.float32).T
         shifts_m, votes = _translations(
             (source.points_m[:VOTERS] @ turned, source.normals[:VOTERS] @ turned),
-            (there_m, there_normals),
+            there,
             CELL_VOXELS * target.voxel_size_m,
             oriented,
             ballot,
@@ -71,22 +72,44 @@ def main_axis(normals: FloatArray) -> FloatArray:
     return axes[:, 0] if share[1] - share[0] > share[2] - share[1] else axes[:, 2]
 
 
+@dataclass(frozen=True)
+class _Ballot:
+    """What votes are counted in, turn after turn: without votes before and after each."""
+
+    tally: IntArray
+    """(B,) uint8 votes for each bucket, whatever the cell, up to one more than a few."""
+    cells: IntArray
+    """(B, 2) of what has more than a few: which cell, the first in its bucket, and its votes."""
+    voters: IntArray
+    """(P, 3) int32 bucket and voxels of each vote ..."""
+    keys: IntArray
+    """(P,) ... and the cell."""
+
+    @staticmethod
+    def empty() -> _Ballot:
+        """Room for the votes of all pairs."""
+        most = VOTERS * VOTERS
+        tally, cells = np.zeros(_BUCKETS, np.uint8), np.zeros((_BUCKETS, 2), np.int64)
+        return _Ballot(tally, cells, np.empty((most, 3), np.int32), np.empty(most, np.int64))
+
+
 def _translations(
     source: tuple[FloatArray, FloatArray],
     target: tuple[FloatArray, FloatArray],
     cell_m: float,
     oriented: bool,
-    ballot: IntArray,
+    ballot: _Ballot,
 ) -> tuple[FloatArray, FloatArray]:
     """(K, 3) mean translations of the cells that more than two pairs of voxels vote for, and (K,)
-    their votes; a voxel is a point and a normal. The ballot is without votes before and after."""
-    target = target[0], np.ascontiguousarray(target[1].T)
-    cosine = np.empty(len(target[0]), dtype=np.float32)
-    voters = np.empty((len(source[0]) * len(cosine), 3), np.int32)
-    count = _vote(source, target, cell_m, oriented, ballot, cosine, voters)
-    most = count // (FEW_VOTES + 1)
+    their votes; the source's points and normals are (S, 3), the target's (3, T)."""
+    size = target[0].shape[1]
+    room = np.empty(size, np.float32), np.empty(size, np.int32), np.empty((3, size))
+    voters, tally = ballot.voters, ballot.tally
+    count = _vote(source, target, cell_m, oriented, room, tally, voters, ballot.keys)
+    voters = voters[: _elect(voters[:count], ballot.keys, tally, ballot.cells)]
+    most = len(voters) // (FEW_VOTES + 1)
     buckets, votes, total_m = np.empty(most, np.int64), np.empty(most), np.zeros((most, 3))
-    cells = _count(source[0], target[0], voters[:count], ballot, (buckets, votes, total_m))
+    cells = _count(source[0], target[0], voters, ballot.cells, (buckets, votes, total_m))
     in_order = np.argsort(buckets[:cells])
     return (total_m[in_order] / votes[in_order, None]), votes[in_order]
 
@@ -97,37 +120,60 @@ def _vote(
     target: tuple[FloatArray, FloatArray],
     cell_m: float,
     oriented: bool,
-    ballot: IntArray,
-    cosine: FloatArray,
+    room: tuple[FloatArray, IntArray, FloatArray],
+    tally: IntArray,
     voters: IntArray,
+    keys: IntArray,
 ) -> int:
-    """Count the votes for each hashed cell, into (B, 2) zeros: which cell it is, and how many; of
-    the cells that share a bucket the first one alone has votes. The target's normals are (3, T).
-
-    Returns:
-        How many voted; ``voters`` are their buckets and voxels.
-    """
-    there_m, normals = target
+    """Write down all votes, and tally them by hashed cell; how many there are. What belongs to one
+    voxel of the source is worked out together, in a room for (T,), (T,) and (3, T)."""
+    (xs_m, ys_m, zs_m), normals = target[0], target[1]
+    cosine, alike, places = room
     count = 0
     for s in range(len(source[0])):
         x_m, y_m, z_m = source[0][s]
         n_x, n_y, n_z = source[1][s]
         for t in range(len(cosine)):
             cosine[t] = n_x * normals[0, t] + n_y * normals[1, t] + n_z * normals[2, t]
+        votes = 0
         for t in range(len(cosine)):
-            if (cosine[t] if oriented else abs(cosine[t])) < MIN_COSINE:
-                continue
-            i = int(np.floor((there_m[t, 0] - x_m) / cell_m))
-            j = int(np.floor((there_m[t, 1] - y_m) / cell_m))
-            k = int(np.floor((there_m[t, 2] - z_m) / cell_m))
-            cell = (i * _HASH + j) * _HASH + k
+            alike[votes] = t
+            votes += (cosine[t] if oriented else abs(cosine[t])) >= MIN_COSINE
+        for v in range(votes):
+            t = alike[v]
+            places[0, v] = (xs_m[t] - x_m) / cell_m
+            places[1, v] = (ys_m[t] - y_m) / cell_m
+            places[2, v] = (zs_m[t] - z_m) / cell_m
+        for v in range(votes):
+            i, j = int(np.floor(places[0, v])), int(np.floor(places[1, v]))
+            keys[count + v] = (i * _HASH + j) * _HASH + int(np.floor(places[2, v]))
+        for v in range(votes):
+            cell = keys[count + v]
             bucket = (cell ^ (cell >> 17)) & (_BUCKETS - 1)
+            tally[bucket] += tally[bucket] <= FEW_VOTES
+            vote = voters[count + v]
+            vote[0], vote[1], vote[2] = bucket, s, alike[v]
+        count += votes
+    return count
+
+
+@compiled
+def _elect(voters: IntArray, keys: IntArray, tally: IntArray, ballot: IntArray) -> int:
+    """Count the votes in each bucket that has more than a few, into (B, 2) zeros: which cell it is,
+    and how many; of the cells that share a bucket the first one alone has votes. And clear the
+    tally. Returns how many voted; they come first in ``voters``."""
+    count = 0
+    for v in range(len(voters)):
+        bucket, s, t = voters[v]
+        if tally[bucket] > FEW_VOTES:
             if ballot[bucket, 1] == 0:
-                ballot[bucket, 0] = cell
-            if ballot[bucket, 0] == cell:
+                ballot[bucket, 0] = keys[v]
+            if ballot[bucket, 0] == keys[v]:
                 ballot[bucket, 1] += 1
                 voters[count, 0], voters[count, 1], voters[count, 2] = bucket, s, t
                 count += 1
+    for bucket in range(len(tally)):
+        tally[bucket] = 0
     return count
 
 
@@ -140,7 +186,8 @@ def _count(
     cells: tuple[IntArray, FloatArray, FloatArray],
 ) -> int:
     """Write down of each cell with more than a few votes its bucket, its votes, and the sum of its
-    translations, into zeros; and clear the ballot. Returns how many there are."""
+    translations, into zeros; and clear the ballot. Returns how many there are. The source's points
+    are (S, 3), the target's (3, T)."""
     buckets, votes, total_m = cells
     count = 0
     for v in range(len(voters)):
@@ -153,7 +200,7 @@ def _count(
                 buckets[count], votes[count] = bucket, ballot[bucket, 1]
                 count += 1
             for i in range(3):
-                total_m[ballot[bucket, 0], i] += target_m[t, i] - source_m[s, i]
+                total_m[ballot[bucket, 0], i] += target_m[i, t] - source_m[s, i]
     for v in range(len(voters)):
         ballot[voters[v, 0]] = 0
     return count
