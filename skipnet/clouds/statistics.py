@@ -1,4 +1,4 @@
-"""Moments and bounds of points, and the frame that points carry with them."""
+"""Moments and bounds of points, the frame that points carry with them, the largest of many."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from skipnet.compiled import compiled
 from skipnet.geometry import make_transform
-from skipnet.types import FloatArray
+from skipnet.types import FloatArray, IntArray
 
 _BLOCK = 1 << 10
 """Points whose sums are taken on their own before they are added to the others': fewer digits are
@@ -24,6 +24,18 @@ _TRIPLES = np.array(
     ]
 )
 """... and xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz in a cube."""
+
+
+def largest(values: FloatArray, count: int) -> IntArray:
+    """Rows of the ``count`` largest of (N,) values, in order; of equal ones the first come first.
+
+    >>> largest(np.array([1.0, 3.0, 2.0, 3.0]), 3)
+    array([1, 3, 2])
+    """
+    rows = np.arange(len(values))
+    if count < len(values):
+        rows = np.flatnonzero(values >= np.partition(values, len(values) - count)[-count])
+    return rows[np.argsort(-values[rows], kind="stable")[:count]]
 
 
 def as_floats(points_m: npt.ArrayLike) -> FloatArray:

@@ -116,7 +116,7 @@ def _list_pairs(
                 for k in range(len(xs)):
                     x, y, z = xs[k] - x_m, ys[k] - y_m, zs[k] - z_m
                     room_m2[k] = x * x + y * y + z * z
-                    near += (0 < room_m2[k]) & (room_m2[k] <= most_m2)
+                    near += (room_m2[k] > 0) & (room_m2[k] <= most_m2)
                 if near > 0 and len(pairs) > 0:
                     last = count
                     for k in range(len(xs)):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.clouds.statistics import largest
 from skipnet.types import FloatArray
 
 
@@ -23,7 +24,7 @@ class Hypotheses:
 
     def best(self, count: int) -> Hypotheses:
         """The ``count`` heaviest."""
-        keep = np.argsort(-self.weights, kind="stable")[:count]
+        keep = largest(self.weights, count)
         return Hypotheses(self.T_target_source[keep], self.weights[keep])
 
 

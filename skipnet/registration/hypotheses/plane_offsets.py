@@ -8,7 +8,6 @@ from skipnet.compiled import compiled
 from skipnet.features.primitives import Planes
 from skipnet.types import BoolArray, FloatArray, IntArray
 
-
 MOST_DIRECTIONS = 5
 """That planes of much area are sorted by."""
 _MAX_COSINE = float(np.cos(np.deg2rad(20)))

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.clouds.statistics import largest
 from skipnet.compiled import compiled
 from skipnet.features.primitives import Planes
 from skipnet.registration.hypotheses.fitting import best_rotations, bisector_frames
 from skipnet.types import FloatArray, IntArray
 
+MOST_TRIED = 3000
+"""Pairs of two planes in either scan, those of most area."""
+_COUNT_ONLY = np.empty((2, 0), dtype=np.int32)
 _AT_ONCE = 1 << 15
 """Pairs of planes, over all rotations, looked at in one go: they stay in the processor's cache."""
 
@@ -35,13 +39,13 @@ def plane_rotations(
     k, m = oblique_pairs(target.normals, ordered=True)
     angle_s = np.arccos(np.clip((source.normals[i] * source.normals[j]).sum(1), -1, 1))
     angle_t = np.arccos(np.clip((target.normals[k] * target.normals[m]).sum(1), -1, 1))
-    p, q = np.nonzero(np.abs(angle_s[:, None] - angle_t) < max_angle_rad)
+    p, q = _equal_angles(angle_s, angle_t, max_angle_rad)
     if len(p) == 0:
         return np.zeros((0, 3, 3))
     weight = np.minimum(source.weights[i[p]], target.weights[k[q]]) * np.minimum(
         source.weights[j[p]], target.weights[m[q]]
     )
-    best = np.argsort(-weight, kind="stable")[:3000]
+    best = largest(weight, MOST_TRIED)
     p, q = p[best], q[best]
     frames_t = bisector_frames(target.normals[k[q]], target.normals[m[q]])
     frames_s = bisector_frames(source.normals[i[p]], source.normals[j[p]])
@@ -57,6 +61,35 @@ def plane_rotations(
         rotations[aligned], support[aligned], max_rotations, 1.5 * max_angle_rad
     )
     return best_rotations((pairs.shared_area(rotations) @ pairs.products.T).reshape(-1, 3, 3))
+
+
+def _equal_angles(
+    angle_s: FloatArray, angle_t: FloatArray, max_angle_rad: float
+) -> tuple[IntArray, IntArray]:
+    """(K,) rows of (S,) angles and (K,) of (T,) others that differ by less than a limit."""
+    pairs = np.empty((2, _list_equal(angle_s, angle_t, max_angle_rad, _COUNT_ONLY)), np.int32)
+    _list_equal(angle_s, angle_t, max_angle_rad, pairs)
+    return pairs[0], pairs[1]
+
+
+@compiled
+def _list_equal(
+    angle_s: FloatArray, angle_t: FloatArray, max_angle_rad: float, pairs: IntArray
+) -> int:
+    """Write the pairs of ``_equal_angles`` if there is room; how many there are."""
+    count = 0
+    for s in range(len(angle_s)):
+        equal = 0
+        for t in range(len(angle_t)):
+            equal += abs(angle_s[s] - angle_t[t]) < max_angle_rad
+        if equal > 0 and pairs.shape[1] > 0:
+            place = count
+            for t in range(len(angle_t)):
+                if abs(angle_s[s] - angle_t[t]) < max_angle_rad:
+                    pairs[0, place], pairs[1, place] = s, t
+                    place += 1
+        count += equal
+    return count
 
 
 def oblique_pairs(normals: FloatArray, ordered: bool) -> tuple[IntArray, IntArray]:

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from skipnet.clouds.statistics import largest
 from skipnet.features.primitives import Planes
 from skipnet.geometry import make_transform
 from skipnet.registration.hypotheses.hypotheses import NO_HYPOTHESES, Hypotheses, concatenate
@@ -104,7 +105,7 @@ def _plane_translations(
     translations_m = np.concatenate([np.zeros((0, 3)), *_solved(directions, votes)])
     agree = np.abs(translations_m @ normals.T - shift_m) < voxel_size_m
     support = agree @ weight
-    best = np.argsort(-support, kind="stable")[:count]
+    best = largest(support, count)
     rotations = np.broadcast_to(rotation, (len(best), 3, 3))
     return Hypotheses(make_transform(rotations, translations_m[best]), support[best])
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.clouds.statistics import largest
 from skipnet.compiled import compiled
 from skipnet.geometry import make_transform, rotation_from_vector
 from skipnet.registration.hypotheses.hypotheses import Hypotheses, concatenate
@@ -56,7 +57,7 @@ def from_repeats(T_target_source: FloatArray, source: Evidence, target: Evidence
             oriented,
             ballot,
         )
-        best = np.argsort(-votes, kind="stable")[:MOST_PER_TURN]
+        best = largest(votes, MOST_PER_TURN)
         rotations = np.broadcast_to(rotation, (len(best), 3, 3))
         found.append(Hypotheses(make_transform(rotations, shifts_m[best]), votes[best]))
     return concatenate(found)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skipnet.clouds.statistics import largest
 from skipnet.features.primitives import Planes
 from skipnet.geometry import make_transform
 from skipnet.registration.hypotheses.hypotheses import NO_HYPOTHESES, Hypotheses
@@ -55,7 +56,7 @@ def from_slides(
     ]
     supports = [slides.support for slides in found]
     support = np.concatenate([np.zeros(0), *supports])
-    best = np.argsort(-support, kind="stable")[:max_slides]
+    best = largest(support, max_slides)
     sizes = np.array([len(one) for one in supports], dtype=np.int64)
     before = np.cumsum(sizes) - sizes
     owner = np.repeat(np.arange(len(found)), sizes)[best]
@@ -63,7 +64,8 @@ def from_slides(
         return NO_HYPOTHESES
     rotations = np.stack([found[k].rotation for k in owner])
     directions = np.stack([found[k].direction for k in owner])
-    starts_m = np.stack([found[k].start_m(row) for k, row in zip(owner, best - before[owner])])
+    rows = best - before[owner]
+    starts_m = np.stack([found[k].start_m(row) for k, row in zip(owner, rows, strict=True)])
     first_m, last_m = _extents_m(rotations, directions, source_m, target_m, voxel_size_m)
     steps = np.ceil((last_m - first_m) / voxel_size_m).astype(np.int64)
     line = np.repeat(np.arange(len(best)), steps)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skipnet.clouds.statistics import largest
 from skipnet.geometry import invert
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.judging.closer_look import closeness, look_closer
@@ -174,7 +175,7 @@ class Judge:
         """
         for samples, stay in ROUNDS:
             total = replace(self, samples=samples).score(T_target_source, ROUGH).total
-            best = np.argsort(-total, kind="stable")[:stay]
+            best = largest(total, stay)
             T_target_source, total = T_target_source[best], total[best]
         T_target_source = T_target_source[total >= HOPELESS * total.max(initial=0.0)]
         # Before the last round, lest variants of one pose crowd out all others.
@@ -182,7 +183,7 @@ class Judge:
         T_target_source = T_target_source[distinct(T_target_source, self.source.centre_m, far_m)]
         samples, stay = LAST_ROUND
         total = replace(self, samples=samples).score(T_target_source, ROUGH).total
-        best = np.argsort(-total, kind="stable")[:stay]
+        best = largest(total, stay)
         return T_target_source[best[total[best] >= HOPELESS * total.max(initial=0.0)]]
 
 
