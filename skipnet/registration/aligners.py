@@ -8,6 +8,7 @@ from typing import Union
 
 import numpy as np
 
+from skipnet.parallel.threads import side_by_side
 from skipnet.registration.alignment.normal_equations import Surfaces, match_surfaces
 from skipnet.registration.alignment.refinement import Refinement, refine
 from skipnet.registration.alignment.sparse import finish_sparse, refine_sparse
@@ -195,7 +196,7 @@ class SparseAligner:
         rough = judge.score(fine.T_target_source, ROUGH)
         rows = judge.distinct(fine.T_target_source, rough)[:SPARSE_FINALISTS]
         rows = rows[rough.total[rows] >= HOPELESS * max(rough.total.max(), rival_total)]
-        thinned = self.source.thinned, self.target.thinned
+        thinned = side_by_side(lambda scan: scan.thinned, (self.source, self.target))
         fine = refine_sparse(
             fine[rows], *thinned, voxel_size_m, lambda T: self.may_count(judge.score(T))
         )

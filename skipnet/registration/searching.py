@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.parallel.threads import side_by_side
 from skipnet.registration.aligners import Aligner
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
@@ -42,8 +43,8 @@ def search(
     is of use, no more is found out of the others once none can be registered.
     """
     with clock("classes"):
-        evidence_s, evidence_t = (
-            scan.valued_evidence(config.feature_weight) for scan in (source, target)
+        evidence_s, evidence_t = side_by_side(
+            lambda scan: scan.valued_evidence(config.feature_weight), (source, target)
         )
     if min(len(source.skipmap), len(target.skipmap)) == 0:
         return Answer.none()

@@ -87,7 +87,9 @@ def match_surfaces(
         table: the target voxel in each cell.
         min_normal_cosine: smallest cosine between matching normals.
     """
-    pairs, matched = np.empty((len(T), len(source.centroids_m), 8)), np.zeros(len(T), np.int64)
+    count = len(source.centroids_m)
+    pairs, matched = np.empty((len(T), count, 8)), np.zeros(len(T), np.int64)
+    residuals_m = np.empty((len(T), count))
     _pair_up_all(
         T,
         (source.centroids_m, source.normals, source.variance_m2),
@@ -96,10 +98,11 @@ def match_surfaces(
         source.oriented and target.oriented,
         min_normal_cosine,
         pairs,
+        residuals_m,
         matched,
     )
     typical_m2 = np.array(
-        [_typical_m2(own[:count]) for own, count in zip(pairs, matched, strict=True)]
+        [_typical_m2(own[:count]) for own, count in zip(residuals_m, matched, strict=True)]
     )
     found = Matches.none(matched)
     _sum_up_all(
@@ -111,12 +114,14 @@ def match_surfaces(
     return found
 
 
-def _typical_m2(pairs: FloatArray) -> float:
-    """Square of the median residual of (K, 8) pairs."""
-    every = 1 + len(pairs) // _MEDIAN_SAMPLES
-    residuals_m = np.abs(pairs[::every, 6])
-    middle = len(residuals_m) // 2
-    return float(np.partition(residuals_m, middle)[middle]) ** 2 if len(pairs) else 0.0
+def _typical_m2(residuals_m: FloatArray) -> float:
+    """Square of the median of (K,) sizes of residuals, which come into another order."""
+    if len(residuals_m) == 0:
+        return 0.0
+    some_m = residuals_m[:: 1 + len(residuals_m) // _MEDIAN_SAMPLES]
+    middle = len(some_m) // 2
+    some_m.partition(middle)
+    return float(some_m[middle]) ** 2
 
 
 @compiled
@@ -128,13 +133,17 @@ def _pair_up_all(
     oriented: bool,
     min_normal_cosine: float,
     pairs: FloatArray,
+    residuals_m: FloatArray,
     matched: IntArray,
 ) -> None:
-    """``_pair_up`` for (C, 4, 4) poses, into (C, S, 8) ``pairs`` and (C,) ``matched``."""
+    """``_pair_up`` for (C, 4, 4) poses, into (C, S, 8) ``pairs`` and (C,) ``matched``, with the
+    sizes of their (C, S) residuals."""
     for c in range(len(row)):
         matched[c] = _pair_up(
             T_target_source[c], source, target, row[c], oriented, min_normal_cosine, pairs[c]
         )
+        for k in range(matched[c]):
+            residuals_m[c, k] = abs(pairs[c, k, 6])
 
 
 @compiled

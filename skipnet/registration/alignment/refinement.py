@@ -12,7 +12,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from skipnet.geometry import invert, make_transform, rotation_from_vector
+from skipnet.compiled import compiled
+from skipnet.geometry import invert
 from skipnet.registration.alignment.normal_equations import Matches, Surfaces, match_surfaces
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
@@ -143,19 +144,74 @@ def _spread_rows(count: int, samples: int | None) -> IntArray | slice:
 
 def gauss_newton_step(T: FloatArray, matches: Matches) -> tuple[FloatArray, float]:
     """Move every pose by its normal equations' solution; directions left free stay put."""
-    diagonal = np.einsum("cii->ci", matches.information)
-    # Mean squared lever of the rotation: what it moves where the normals feel it.
-    weight = diagonal[:, 3:].sum(axis=1, keepdims=True)
-    square_m2 = diagonal[:, :3].sum(axis=1, keepdims=True) / np.maximum(weight, 1e-12)
-    one_voxel = weight / np.maximum(matches.matched[:, None], 1)
-    damping = DAMPING_VOXELS * one_voxel * np.repeat(np.hstack([square_m2, [[1.0]] * len(T)]), 3, 1)
-    damping += 1e-12
-    step = np.linalg.solve(
-        matches.information + np.eye(6) * damping[..., None], matches.gradient[..., None]
-    )[..., 0]
-    rotation = rotation_from_vector(step[:, :3])
-    about_m = matches.centre_m
-    shift_m = about_m - np.einsum("cij,cj->ci", rotation, about_m) + step[:, 3:]
-    turned_m = np.linalg.norm(step[:, :3], axis=1) * np.sqrt(square_m2[:, 0])
-    moved_m = np.linalg.norm(step[:, 3:], axis=1) + turned_m
-    return make_transform(rotation, shift_m) @ T, float(moved_m.max())
+    moved, moved_m = np.empty_like(T), np.empty(len(T))
+    equations = matches.information, matches.gradient
+    _step_all(T, *equations, matches.matched, matches.centre_m, np.empty((6, 8)), moved, moved_m)
+    return moved, float(moved_m.max())
+
+
+@compiled
+def _step_all(
+    T_target_source: FloatArray,
+    information: FloatArray,
+    gradient: FloatArray,
+    matched: IntArray,
+    centre_m: FloatArray,
+    room: FloatArray,
+    moved: FloatArray,
+    moved_m: FloatArray,
+) -> None:
+    """(C, 4, 4) poses moved by a step about (C, 3) centres, and (C,) how far it moves what the
+    normals feel. The room is (6, 8): a pose's equations, their solution in column 6."""
+    for c in range(len(T_target_source)):
+        turning = information[c, 0, 0] + information[c, 1, 1] + information[c, 2, 2]
+        weight = information[c, 3, 3] + information[c, 4, 4] + information[c, 5, 5]
+        # Mean squared lever of the rotation: what it moves where the normals feel it.
+        square_m2 = turning / max(weight, 1e-12)
+        one_voxel = DAMPING_VOXELS * weight / max(matched[c], 1)
+        for i in range(6):
+            for j in range(6):
+                room[i, j] = information[c, i, j]
+            room[i, i] += one_voxel * (square_m2 if i < 3 else 1.0) + 1e-12
+            room[i, 6] = gradient[c, i]
+        _solve(room)
+        x, y, z = room[0, 6], room[1, 6], room[2, 6]
+        angle_rad = np.sqrt(x * x + y * y + z * z)
+        once, twice = 1.0, 0.5
+        if angle_rad > 0:  # Rodrigues' formula
+            once = np.sin(angle_rad) / angle_rad
+            twice = 2 * (np.sin(angle_rad / 2) / angle_rad) ** 2
+        cross = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
+        for i in range(3):
+            for j in range(3):
+                room[i, j] = once * cross[i][j] + (1.0 if i == j else 0.0)
+                for k in range(3):
+                    room[i, j] += twice * cross[i][k] * cross[k][j]
+        for i in range(3):
+            shift_m = centre_m[c, i] + room[3 + i, 6]
+            for k in range(3):
+                shift_m -= room[i, k] * centre_m[c, k]
+            for j in range(4):
+                moved[c, i, j] = shift_m if j == 3 else 0.0
+                for k in range(3):
+                    moved[c, i, j] += room[i, k] * T_target_source[c, k, j]
+            moved[c, 3, i] = 0.0
+        moved[c, 3, 3] = 1.0
+        u, v, w = room[3, 6], room[4, 6], room[5, 6]
+        moved_m[c] = np.sqrt(u * u + v * v + w * w) + angle_rad * np.sqrt(square_m2)
+
+
+@compiled
+def _solve(room: FloatArray) -> None:
+    """Solve the positive definite (6, 6) equations in the room, right side in column 6, in place:
+    elimination without a choice of rows, which such equations do not need."""
+    for i in range(6):
+        for j in range(i + 1, 6):
+            share = room[j, i] / room[i, i]
+            for k in range(i, 7):
+                room[j, k] -= share * room[i, k]
+    for step in range(6):
+        i = 5 - step
+        for k in range(i + 1, 6):
+            room[i, 6] -= room[i, k] * room[k, 6]
+        room[i, 6] /= room[i, i]

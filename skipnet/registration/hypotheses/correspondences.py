@@ -41,9 +41,8 @@ def from_correspondences(
     """
     if len(source_m) < 3:
         return NO_HYPOTHESES
-    change_m = np.abs(_distances(source_m) - _distances(target_m))
-    compatible = change_m < max_distance_m
-    np.fill_diagonal(compatible, False)
+    compatible = np.empty((len(source_m), len(source_m)), dtype=bool)
+    _keep_distance(_columns(source_m), _columns(target_m), np.float32(max_distance_m), compatible)
     second = common_neighbours(compatible)
     chosen = np.argsort(-(second @ weights.astype(np.float32)), kind="stable")[:seeds]
     np.fill_diagonal(second, np.inf)
@@ -55,11 +54,28 @@ def from_correspondences(
     return Hypotheses(T_target_source, strength.sum(axis=1))
 
 
-def _distances(points_m: FloatArray) -> FloatArray:
-    points = (points_m - points_m.mean(axis=0)).astype(np.float32)
-    squared = (points**2).sum(axis=1)
-    gram = points @ points.T
-    return np.sqrt(np.maximum(squared[:, None] + squared - 2 * gram, 0))
+def _columns(points_m: FloatArray) -> FloatArray:
+    """(3, K) float32 coordinates of (K, 3) points about their mean."""
+    return (points_m - points_m.mean(axis=0)).T.astype(np.float32, order="C")
+
+
+@compiled
+def _keep_distance(
+    source_m: FloatArray, target_m: FloatArray, max_change_m: float, compatible: BoolArray
+) -> None:
+    """Which two of K correspondences are about as far apart in one scan as in the other, into
+    (K, K); none from itself. Points are (3, K)."""
+    a_x, a_y, a_z = source_m[0], source_m[1], source_m[2]
+    b_x, b_y, b_z = target_m[0], target_m[1], target_m[2]
+    for i in range(len(compatible)):
+        x, y, z, u, v, w = a_x[i], a_y[i], a_z[i], b_x[i], b_y[i], b_z[i]
+        row = compatible[i]
+        for j in range(len(row)):
+            d, e, f = a_x[j] - x, a_y[j] - y, a_z[j] - z
+            p, q, r = b_x[j] - u, b_y[j] - v, b_z[j] - w
+            change_m = np.sqrt(d * d + e * e + f * f) - np.sqrt(p * p + q * q + r * r)
+            row[j] = abs(change_m) < max_change_m
+        row[i] = False
 
 
 def common_neighbours(compatible: BoolArray) -> FloatArray:

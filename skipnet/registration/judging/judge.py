@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skipnet.clouds.statistics import largest
+from skipnet.compiled import compiled
 from skipnet.geometry import invert
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.judging.closer_look import closeness, look_closer
@@ -26,7 +27,7 @@ from skipnet.registration.judging.score import (
 )
 from skipnet.registration.judging.states import facing, matches, states
 from skipnet.scans.evidence import Evidence
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 _SOON_JUDGED = 1 << 13
 """Voxels, over all candidates, that are judged before another thread has begun."""
@@ -201,16 +202,38 @@ def distinct(
         min_distance_m: poses that move it apart by more are distinct ...
         min_angle_rad: ... and so are those turned by more.
     """
-    rotations = T_target_source[:, :3, :3].reshape(-1, 9)
-    moved_m = T_target_source[:, :3, :3] @ centre_m + T_target_source[:, :3, 3]
-    apart_m = np.linalg.norm(moved_m[:, None] - moved_m, axis=2)
-    same = (rotations @ rotations.T >= 1 + 2 * np.cos(min_angle_rad)) & (apart_m <= min_distance_m)
-    left, kept = np.ones(len(T_target_source), dtype=bool), []
-    for row in range(len(T_target_source)):
-        if left[row]:
-            kept.append(row)
-            left &= ~same[row]
-    return np.array(kept, dtype=np.int64)
+    poses = np.empty((len(T_target_source), 12))
+    poses[:, :9] = T_target_source[:, :3, :3].reshape(-1, 9)
+    poses[:, 9:] = T_target_source[:, :3, :3] @ centre_m + T_target_source[:, :3, 3]
+    left, kept = np.ones(len(poses), dtype=bool), np.empty(len(poses), dtype=np.int64)
+    near = 1 + 2 * np.cos(min_angle_rad), min_distance_m**2
+    return kept[: _keep_distinct(poses.T.copy(), near, left, kept)]
+
+
+@compiled
+def _keep_distinct(
+    poses: FloatArray, near: tuple[float, float], left: BoolArray, kept: IntArray
+) -> int:
+    """Write the rows of (12, C) rotations and places that differ from all better ones kept; how
+    many there are. All of (C,) are left before."""
+    (least_trace, most_m2), count = near, 0
+    for row in range(len(left)):
+        if not left[row]:
+            continue
+        kept[count] = row
+        count += 1
+        xx, xy, xz = poses[0, row], poses[1, row], poses[2, row]
+        yx, yy, yz = poses[3, row], poses[4, row], poses[5, row]
+        zx, zy, zz = poses[6, row], poses[7, row], poses[8, row]
+        x_m, y_m, z_m = poses[9, row], poses[10, row], poses[11, row]
+        for c in range(row + 1, len(left)):
+            trace = xx * poses[0, c] + xy * poses[1, c] + xz * poses[2, c]
+            trace += yx * poses[3, c] + yy * poses[4, c] + yz * poses[5, c]
+            trace += zx * poses[6, c] + zy * poses[7, c] + zz * poses[8, c]
+            x, y, z = poses[9, c] - x_m, poses[10, c] - y_m, poses[11, c] - z_m
+            same = (trace >= least_trace) & (x * x + y * y + z * z <= most_m2)
+            left[c] = left[c] & (not same)
+    return count
 
 
 def _one_way(
@@ -219,7 +242,8 @@ def _one_way(
     """(5, C) overlap, violation, support, contradiction and mismatch of ``Score``, a's voxels'."""
     match, beside, free = states(T_b_a, a, b, samples, strictness)
     count, worth = a.shares(samples)
-    violation, contradiction = b.trust * (free @ count), b.trust * (free @ worth)
+    freely = free.astype(np.float32)
+    violation, contradiction = b.trust * (freely @ count), b.trust * (freely @ worth)
     return np.stack([match @ count, violation, match @ worth, contradiction, beside @ worth])
 
 
