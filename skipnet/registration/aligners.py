@@ -196,9 +196,9 @@ class SparseAligner:
         rough = judge.score(fine.T_target_source, ROUGH)
         rows = judge.distinct(fine.T_target_source, rough)[:SPARSE_FINALISTS]
         rows = rows[rough.total[rows] >= HOPELESS * max(rough.total.max(), rival_total)]
-        thinned = side_by_side(lambda scan: scan.thinned, (self.source, self.target))
+        source, target = side_by_side(lambda scan: scan.thinned, (self.source, self.target))
         fine = refine_sparse(
-            fine[rows], *thinned, voxel_size_m, lambda T: self.may_count(judge.score(T))
+            fine[rows], source, target, voxel_size_m, lambda T: self.may_count(judge.score(T))
         )
         score = judge.score(fine.T_target_source)
         return Contenders(coarse[rows], fine, fine.T_target_source, score)

@@ -63,23 +63,20 @@ def find_out(
     judge: Judge,
     aligner: Aligner,
     best: Refinement,
-    fine: Refinement,
-    T_target_source: FloatArray,
     score: Score,
-    kept: IntArray,
+    first: int,
+    rivals: Rivals,
 ) -> Findings:
     """What the verdict rests on.
 
     Args:
         judge, aligner: of both scans.
         best: the best pose, finely aligned.
-        fine: the rough alignment of all candidates.
-        T_target_source: (K, 4, 4) all refined candidates.
-        score: the judge's figures for these.
-        kept: rows of the distinct ones, best first.
+        score: the judge's figures for all candidates ...
+        first: ... of which this is the best pose, as it was before.
+        rivals: what the others say.
     """
-    first, T_best, held = kept[0], best.T_target_source[0], held_voxels(best, 0)
-    rivals = _rivals(judge, fine, T_target_source, score, kept)
+    T_best, held = best.T_target_source[0], held_voxels(best, 0)
     directions = _free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
     # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
@@ -112,7 +109,7 @@ def find_out(
 
 
 @dataclass(frozen=True)
-class _Rivals:
+class Rivals:
     """What the best pose's rivals say."""
 
     margin: float
@@ -123,9 +120,9 @@ class _Rivals:
     """(A, 4, 4) those that explain the data as well."""
 
 
-def _rivals(
+def compare_rivals(
     judge: Judge, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
-) -> _Rivals:
+) -> Rivals:
     """Compare the best of (K,) kept poses with the others.
 
     One that scores nearly as much is as good, unless what tells the two apart speaks for the best
@@ -150,7 +147,7 @@ def _rivals(
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:
         repeated = _repeats(judge, fine, T_target_source, score, first, rivals)
-    return _Rivals(
+    return Rivals(
         margin=float(max(1 - closest / top, 0.0)),
         decisiveness=float(decisive.min(initial=1.0)),
         alternatives=T_target_source[rivals[equal | harmless | repeated]],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
+
 import numpy as np
 
 from skipnet.geometry import invert
@@ -9,15 +11,23 @@ from skipnet.parallel.threads import side_by_side
 from skipnet.registration.aligners import Aligner
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
-from skipnet.registration.findings import BLIND_BOTH
+from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND
 from skipnet.registration.generators import propose
 from skipnet.registration.hypotheses.repeats import from_repeats
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.options import Generator, RegistrationConfig
-from skipnet.registration.settling import aligner_of, enter, realigned, rivalled, settle
+from skipnet.registration.settling import (
+    aligner_of,
+    conclude,
+    enter,
+    realigned,
+    rivalled,
+    settle,
+    weigh,
+)
 from skipnet.registration.stopwatch import Stopwatch
-from skipnet.registration.verdict import may_be_registered
+from skipnet.registration.verdict import MIN_CONFIDENCE, may_be_registered
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, Status
 
@@ -52,9 +62,7 @@ def search(
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
     aligner = aligner_of(source, target, judge, config.refine_samples)
     running, answer = Contenders.none(), None
-    for generator in config.generators:
-        if answer is not None and is_enough(answer, generator):
-            break
+    for generator, coming in zip_longest(config.generators, config.generators[1:]):
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)
         with clock("verification"):
@@ -64,13 +72,28 @@ def search(
             before, running, answer = len(running), enter(running, fresh, aligner), None
             if may_be_registered(running.score, judge.blind):
                 running = realigned(running, aligner) if before else running
-                answer = settle(running, aligner)
+                answer = _settled(running, aligner, coming)
+        if answer is not None and coming is not None and is_enough(answer, coming):
+            break
     if answer is None and only_registered:
         return Answer.none()
     if answer is None:  # no pose can be registered: which is the best one, and why not?
         with clock("fine alignment"):
             return settle(running, aligner, is_refused=True)
     return _with_repeats(answer, running, aligner, clock)
+
+
+def _settled(running: Contenders, aligner: Aligner, coming: Generator | None) -> Answer | None:
+    """The answer, but for one with which the coming generator is asked in any case: all are weighed
+    again then, and None will do."""
+    if coming is None:
+        return settle(running, aligner)
+    blind = aligner.judge.blind
+    if coming not in LAST_RESORTS and blind > MAX_BLIND:
+        return None
+    weighed = weigh(running, aligner)
+    may_do = weighed.may_be_registered(blind, needed(coming))
+    return conclude(weighed, aligner) if may_do else None
 
 
 def _with_repeats(
@@ -114,5 +137,9 @@ def is_enough(answer: Answer, coming: Generator) -> bool:
     if not is_last and answer.findings is not None and answer.findings.is_blind:
         return False
     verdict = answer.verdict
-    enough = 0.0 if is_last else CLEAR_CONFIDENCE
-    return verdict.status is Status.REGISTERED and verdict.confidence >= enough
+    return verdict.status is Status.REGISTERED and verdict.confidence >= needed(coming)
+
+
+def needed(coming: Generator) -> float:
+    """The confidence in a registered pose with which the coming generator need not be asked."""
+    return MIN_CONFIDENCE if coming in LAST_RESORTS else CLEAR_CONFIDENCE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from skipnet.registration.examining import (
     REPEATED_ON_MAP,
     REPEATED_SCORE,
     REPEATED_TOTAL,
+    Rivals,
+    compare_rivals,
     find_out,
     held_voxels,
 )
@@ -122,23 +124,58 @@ def may_rival(score: Score, found: Findings, best_total: float) -> BoolArray:
     return may
 
 
-def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> Answer:
-    """Judge those in the running with all evidence, align the best one finely, and decide.
+@dataclass(frozen=True)
+class Weighed:
+    """Those in the running judged with all evidence, before the best one is aligned finely."""
 
-    Where none of them can be registered, the best one, which is not to be used, stays as it is.
-    """
+    running: Contenders
+    score: Score
+    """The judge's figures for them, by a closer look where the race is close."""
+    kept: IntArray
+    """Rows of the distinct ones, the best one first."""
+    rivals: Rivals
+    """What the others say of the best one."""
+
+    def may_be_registered(self, blind: float, confidence: float) -> bool:
+        """Whether the best one may be registered with so much confidence, whatever its fine
+        alignment comes to: a bound, with the lead over all rivals known.
+
+        Args:
+            blind: share of the two scans whose viewpoint is unknown.
+            confidence: that is needed.
+        """
+        best, lead = self.score[self.kept[:1]], self.rivals.margin
+        is_alone = len(self.rivals.alternatives) == 0
+        return is_alone and may_be_registered(best, blind, margin=lead, confidence=confidence)
+
+
+def weigh(running: Contenders, aligner: Aligner) -> Weighed:
+    """Judge those in the running, one or more, with all evidence."""
     judge, fine, T, score = aligner.judge, running.fine, running.T_target_source, running.score
-    if len(running) == 0:
-        return Answer.none()
     kept = judge.distinct(T, score)
     if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_MARGIN) * score.total[kept[0]]:
         score = judge.closer(T, score)
         kept = judge.distinct(T, score)
     kept = clearest_first(kept, score, fine, T, judge)
-    best = replace(fine[kept[:1]], T_target_source=T[kept[:1]])
+    return Weighed(running, score, kept, compare_rivals(judge, fine, T, score, kept))
+
+
+def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> Answer:
+    """Judge those in the running with all evidence, align the best one finely, and decide.
+
+    Where none of them can be registered, the best one, which is not to be used, stays as it is.
+    """
+    return conclude(weigh(running, aligner), aligner, is_refused) if len(running) else Answer.none()
+
+
+def conclude(weighed: Weighed, aligner: Aligner, is_refused: bool = False) -> Answer:
+    """See ``settle``."""
+    running, score, kept = weighed.running, weighed.score, weighed.kept
+    first, T = kept[0], running.T_target_source
+    best = replace(running.fine[kept[:1]], T_target_source=T[kept[:1]])
     if not is_refused:
-        best = aligner.finish(best, T[kept[0]], score.total[kept[0]])
-    findings = find_out(judge, aligner, best, fine, T, score, kept)
+        best = aligner.finish(best, T[first], score.total[first])
+    findings = find_out(aligner.judge, aligner, best, score, first, weighed.rivals)
     kept = kept[:FINALISTS]
     return Answer(
         running.coarse[kept], T[kept], best.T_target_source[0], decide(findings), findings

@@ -123,7 +123,13 @@ def confidence_of(features: FloatArray, gained: float = 0.0) -> float:
     return float(1 / (1 + np.exp(-(features @ fitted.weights + fitted.bias + gained))))
 
 
-def may_be_registered(score: Score, blind: float, gained: float = 0.0) -> bool:
+def may_be_registered(
+    score: Score,
+    blind: float,
+    gained: float = 0.0,
+    margin: float | None = None,
+    confidence: float = MIN_CONFIDENCE,
+) -> bool:
     """Whether one of (C,) scored poses may be registered, whatever else is found out about it.
 
     A bound: of what the confidence is made of, all that the score does not say is taken to be as
@@ -133,20 +139,23 @@ def may_be_registered(score: Score, blind: float, gained: float = 0.0) -> bool:
         score: the judge's figures, before any closer look.
         blind: share of the two scans whose viewpoint is unknown.
         gained: by how much the logit of the confidence may rise before they are scored again.
+        margin: the lead over all rivals, where it is known.
+        confidence: that is needed.
     """
     fitted = _calibration()
 
     def weight(name: str) -> float:
         return fitted.weight(name) + blind * fitted.weight(f"blind_{name}")
 
-    most_margin = 1 - CHANCE_SCORE / max(float(score.total.max(initial=0.0)), CHANCE_SCORE)
+    if margin is None:
+        margin = 1 - CHANCE_SCORE / max(float(score.total.max(initial=0.0)), CHANCE_SCORE)
     logit = fitted.bias + fitted.weight("blind") * blind + weight("support") * score.support
     logit = logit + fitted.weight("violation") * np.sqrt(score.violation)
-    logit = logit + max(weight("margin"), 0.0) * most_margin + max(weight("held"), 0.0) * MOST_HELD
+    logit = logit + max(weight("margin"), 0.0) * margin + max(weight("held"), 0.0) * MOST_HELD
     if blind <= MAX_BLIND:
         clean = (score.contradiction <= STRAY_SHARE) & (score.mismatch_rate <= CLEAN_MISMATCH)
         logit = logit + CLEAN_GAIN * clean
-    return bool((logit + gained >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE))).any())
+    return bool((logit + gained >= np.log(confidence / (1 - confidence))).any())
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Evidence:
         """Edge of a voxel."""
         return self.near.voxel_size_m
 
-    @property
+    @cached_property
     def centre_m(self) -> FloatArray:
         """(3,) mean of the voxels."""
         return self.points_m.mean(axis=0, dtype=np.float64)

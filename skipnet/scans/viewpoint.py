@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from skipnet.clouds.statistics import bounds
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -121,9 +122,15 @@ def density_falloff(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
 def _behind(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:
     """(3,) a place far behind the surfaces, as seen from ``viewpoint_m``."""
     towards = skipmap.seen_from(viewpoint_m).normals.sum(axis=0)
-    extent_m = np.linalg.norm(np.ptp(skipmap.centroids_m, axis=0))
+    extent_m = _diagonal_m(skipmap.centroids_m)
     way = -towards / max(float(np.linalg.norm(towards)), 1e-12)
     return skipmap.centroids_m.mean(axis=0) + _BEHIND_EXTENTS * extent_m * way
+
+
+def _diagonal_m(points_m: FloatArray) -> float:
+    """Of the box about (N, 3) points."""
+    low_m, high_m = bounds(points_m)
+    return float(np.linalg.norm(high_m - low_m))
 
 
 def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 300) -> float:
@@ -145,7 +152,7 @@ def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 300) 
     to_sensor_m = viewpoint_m - points_m
     range_m = np.linalg.norm(to_sensor_m, axis=1)
     ways = to_sensor_m / np.maximum(range_m, 1e-9)[:, None]
-    extent_m = float(np.linalg.norm(np.ptp(skipmap.centroids_m, axis=0)))
+    extent_m = _diagonal_m(skipmap.centroids_m)
     ends_m = np.minimum(range_m - voxel_m, extent_m)
     line, row = skipmap.table.find_along(points_m, ways, 1.5 * voxel_m, ends_m, 0.5 * voxel_m)
     blocks = _pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)

@@ -227,6 +227,12 @@ def _cell(place: float) -> int:
     return int(np.floor(min(_END, max(-_END, place))))
 
 
+@inlined
+def _short_cell(place: float) -> int:
+    """As ``_cell``, in 32 bits: of these the processor takes more at a time."""
+    return np.int32(_cell(place))  # type: ignore[return-value]
+
+
 @compiled
 def _find_around(cells: IntArray, steps: IntArray, tables: _Tables, found: IntArray) -> None:
     """See ``CellTable.find_around``."""
@@ -290,9 +296,9 @@ def _find_in_box(
         yx, yy, yz, y0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
         zx, zy, zz, z0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
         for s in range(len(place)):
-            x = np.int32(_cell(xx * xs_m[s] + xy * ys_m[s] + xz * zs_m[s] + x0))
-            y = np.int32(_cell(yx * xs_m[s] + yy * ys_m[s] + yz * zs_m[s] + y0))
-            z = np.int32(_cell(zx * xs_m[s] + zy * ys_m[s] + zz * zs_m[s] + z0))
+            x = _short_cell(xx * xs_m[s] + xy * ys_m[s] + xz * zs_m[s] + x0)
+            y = _short_cell(yx * xs_m[s] + yy * ys_m[s] + yz * zs_m[s] + y0)
+            z = _short_cell(zx * xs_m[s] + zy * ys_m[s] + zz * zs_m[s] + z0)
             i, j, k = (x >> _BITS) - low_x, (y >> _BITS) - low_y, (z >> _BITS) - low_z
             inside = ((i | j | k) >= 0) & (i < X) & (j < Y) & (k < Z)
             u, v, w = _place_of(x, y, z, first)

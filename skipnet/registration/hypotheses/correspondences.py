@@ -61,7 +61,7 @@ def _columns(points_m: FloatArray) -> FloatArray:
 
 @compiled
 def _keep_distance(
-    source_m: FloatArray, target_m: FloatArray, max_change_m: float, compatible: BoolArray
+    source_m: FloatArray, target_m: FloatArray, max_change_m: np.float32, compatible: BoolArray
 ) -> None:
     """Which two of K correspondences are about as far apart in one scan as in the other, into
     (K, K); none from itself. Points are (3, K)."""
