@@ -104,8 +104,24 @@ def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: Leve
         last,
         _bin_of_place(),
     )
-    inside = slices[:, :_BINS].reshape(len(rows), _SLICES, -1).astype(np.float32)
-    return np.log(1 + _SLICES_TO_SECTORS @ inside)
+    sectors = np.empty((len(rows), SECTORS, _BINS // _SLICES), dtype=np.float32)
+    _add_slices(slices, sectors)
+    return np.log(sectors, out=sectors)
+
+
+@compiled
+def _add_slices(slices: IntArray, sectors: FloatArray) -> None:
+    """1 + what each of a voxel's sectors takes of its (K, 501) counts by slice, into (K, 5, 50)."""
+    own, beside = np.float32(0.75), np.float32(0.25)
+    size = sectors.shape[2]
+    for k in range(len(sectors)):
+        for sector in range(SECTORS):
+            first = 2 * sector * size
+            before, after = (first - size) % _BINS, (first + 2 * size) % _BINS
+            for b in range(size):
+                inner = np.float32(slices[k, first + b] + slices[k, first + size + b])
+                outer = np.float32(slices[k, before + b] + slices[k, after + b])
+                sectors[k, sector, b] = np.float32(1) + (own * inner + beside * outer)
 
 
 @compiled
@@ -180,13 +196,3 @@ def _bin_of_place() -> IntArray:
     kinds = np.array([1, 0])[:, None, None, None]  # those along the voxel's own come first
     bins = ((slices * KINDS + kinds) * RADII + radii) * HEIGHTS + heights
     return np.where(counted, bins, _OUTSIDE).astype(np.uint16).ravel()
-
-
-def _slices_to_sectors() -> FloatArray:
-    """(5, 10) shares of the slices in the sectors: triangles two sectors wide; columns sum to 1."""
-    gap = (np.arange(_SLICES) + 0.5) * SECTORS / _SLICES - 0.5 - np.arange(SECTORS)[:, None]
-    gap = (gap + SECTORS / 2) % SECTORS - SECTORS / 2
-    return np.maximum(1 - np.abs(gap), 0).astype(np.float32)
-
-
-_SLICES_TO_SECTORS = _slices_to_sectors()

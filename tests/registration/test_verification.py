@@ -12,7 +12,8 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.judging.judge import Judge, distinct
+from skipnet.registration.judging.distinct import distinct
+from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import ROUGH
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image, octahedral_bin
