@@ -164,9 +164,9 @@ class SparseAligner:
     judge: Judge
     samples: int
     """Voxels of the source with which candidates are refined before GICP."""
-    may_count: Callable[[Score], bool]
+    may_count: Callable[[Score], bool] = lambda score: True
     """Whether half aligned poses with these scores are near enough to being registered to be
-    aligned on."""
+    aligned on; by default all are."""
     is_sparse = True
 
     def doubt(self, held_voxels: float) -> float:
