@@ -79,6 +79,7 @@ def find_out(
     T_best, held = best.T_target_source[0], held_voxels(best, 0)
     directions = _free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
+    is_blind = judge.blind > MAX_BLIND  # elsewhere what is odd decides nothing
     # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
     no_turns = len(directions) > 0 or aligner.is_sparse
     return Findings(
@@ -97,7 +98,7 @@ def find_out(
         evenly_held=aligner.evenly_held(T_best) if held < MIN_HELD_VOXELS else held,
         weakest_std_voxels=float(best.weakest_std_m[0]) / judge.voxel_size_m,
         is_sparse=aligner.is_sparse,
-        odd_share=0.0 if in_doubt else aligner.odd_share(T_best),
+        odd_share=aligner.odd_share(T_best) if is_blind and not in_doubt else 0.0,
         is_mirrored=not in_doubt and aligner.is_mirrored(T_best),
         blind=judge.blind,
         covariance=aligner.doubt(held) * best.covariance[0],

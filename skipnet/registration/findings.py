@@ -98,7 +98,7 @@ class Findings:
     """One of the scans is: its normals are rough."""
     odd_share: float
     """Share of what agrees that lies off by far more than the rest: what is alike, not equal; 0
-    where the pose is in doubt anyway."""
+    where the pose is in doubt anyway, or both sensors' places are known."""
     is_mirrored: bool
     """The source's mirror image explains the target clearly better."""
     blind: float
