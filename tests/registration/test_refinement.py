@@ -13,7 +13,13 @@ from skipnet.geometry import (
     rotation_from_vector,
     transform_points,
 )
-from skipnet.registration.alignment.refinement import Refinement, refine
+from skipnet.registration.alignment.normal_equations import Matches
+from skipnet.registration.alignment.refinement import (
+    DAMPING_VOXELS,
+    Refinement,
+    gauss_newton_step,
+    refine,
+)
 from skipnet.registration.judging.sliding import holds, is_weak
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
@@ -180,3 +186,30 @@ def test_the_weakest_motion_is_a_turn_or_a_shift(turn_std_rad, weakest_m):
         spread_m=np.array([2.0]),
     )
     np.testing.assert_allclose(held.weakest_std_m, [weakest_m], rtol=1e-3)
+
+
+def test_a_step_solves_the_damped_equations_about_the_matched_points_centre():
+    rng = np.random.default_rng(4)
+    J = rng.normal(size=(5, 200, 6)) * [3, 2, 1, 1, 1, 0.01]
+    information = np.einsum("cki,ckj->cij", J, J)
+    gradient = np.einsum("cki,ck->ci", J, rng.normal(scale=0.1, size=(5, 200)))
+    information[4], gradient[4], matched = 0.0, 0.0, np.array([200] * 4 + [0])
+    T = np.stack([make_transform(rotation_from_vector(v), v) for v in rng.normal(size=(5, 3))])
+    centre_m = rng.normal(size=(5, 3))
+    moved, moved_m = gauss_newton_step(
+        T, Matches(matched, centre_m, np.ones(5), information, gradient)
+    )
+    farthest_m = 0.0
+    for c in range(4):
+        diagonal = np.diag(information[c])
+        square_m2 = diagonal[:3].sum() / diagonal[3:].sum()
+        one_voxel = DAMPING_VOXELS * diagonal[3:].sum() / 200
+        damping = np.diag(one_voxel * np.repeat([square_m2, 1.0], 3))
+        step = np.linalg.solve(information[c] + damping, gradient[c])
+        motion = make_transform(rotation_from_vector(step[:3]), np.zeros(3))
+        motion[:3, 3] = centre_m[c] + step[3:] - motion[:3, :3] @ centre_m[c]
+        np.testing.assert_allclose(moved[c], motion @ T[c], atol=1e-12)
+        turned_m = np.linalg.norm(step[:3]) * np.sqrt(square_m2)
+        farthest_m = max(farthest_m, np.linalg.norm(step[3:]) + turned_m)
+    np.testing.assert_allclose(moved[4], T[4], atol=1e-12)  # without matches it stays
+    assert moved_m == pytest.approx(farthest_m)

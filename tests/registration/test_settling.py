@@ -158,6 +158,10 @@ def test_what_cannot_be_registered_is_never_registered_whatever_else_is_found(bl
         may_be = may_be_registered(score, blind)
         is_registered = decide(found).status is Status.REGISTERED
         assert may_be or not is_registered
+        needed = rng.uniform(0.55, 0.99)
+        with_lead = may_be_registered(score, blind, margin=found.margin, confidence=needed)
+        assert with_lead or not is_registered or decide(found).confidence < needed
+        assert may_be or not with_lead  # who knows the lead knows more
         registered, ruled_out = registered + is_registered, ruled_out + (not may_be)
     assert registered > 20 and ruled_out > 20
 

@@ -62,6 +62,18 @@ def test_it_converges_to_the_truth_from_5_cm_and_half_a_degree(rings, clouds):
     assert (fine.matched > 1000).all()
 
 
+def test_what_is_not_worth_more_is_aligned_by_the_farthest_correspondences_alone(rings, clouds):
+    rough = make_transform(rotation_from_vector(np.full(3, 0.01)), np.full(3, 0.1))
+    start, asked = started_from((rough @ rings.T_target_source)[None]), []
+    half = refine_sparse(start, *clouds, SIZE_M, lambda T: bool(asked.append(T)))
+    whole = refine_sparse(start, *clouds, SIZE_M, lambda T: True)
+    before, between, after = (
+        pose_error(one.T_target_source[0], rings.T_target_source)[1] for one in (start, half, whole)
+    )
+    np.testing.assert_array_equal(asked, [half.T_target_source])
+    assert after != between and max(after, between) < 0.1 * before
+
+
 def test_the_best_one_is_aligned_by_all_points(rings, clouds):
     rough = make_transform(rotation_from_vector(np.full(3, 0.001)), np.full(3, 0.01))
     start = started_from((rough @ rings.T_target_source)[None])
