@@ -5,13 +5,17 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skipnet.commands.errors import EXIT_BAD_INPUT, EXIT_OK
+from skipnet.geometry import invert
 from skipnet.progress import counted, in_words, shown
 from skipnet.types import FloatArray
+
+if TYPE_CHECKING:
+    from skipnet.registration.result import Registration
 
 USAGE = """skipnet compile: makes the machine code that registering two scans needs, and keeps it.
 
@@ -58,8 +62,21 @@ def compile_usual() -> None:
     pairs = list(_pairs())
     for source_m, target_m, options in counted("pairs", pairs, len(pairs)):
         result = register(source_m, target_m, **options)
+        _doubt(result)
         skipmaps_of(result)
         draw_before_after(source_m, target_m, result.T_target_source).image(dpi=_DPI)
+
+
+def _doubt(result: Registration) -> None:
+    """Ask what is asked where two scans may show two things that are alike."""
+    from skipnet.registration.judging.forks import find_forks
+    from skipnet.registration.judging.furnishing import compare_things
+
+    assert result.given is not None and result.given.described is not None
+    source, target = result.given.described
+    T_own = invert(target.T_given_own) @ result.T_target_source @ source.T_given_own
+    compare_things(T_own, source, target)
+    find_forks(T_own, source, target)
 
 
 def _pairs() -> Iterator[tuple[FloatArray, FloatArray, dict[str, Any]]]:

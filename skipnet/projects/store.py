@@ -14,6 +14,7 @@ import numpy as np
 from skipnet.projects.schedule import Outcome
 from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
+from skipnet.registration.judging.furnishing import Furnishing
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.prior import Prior, PriorCheck
 from skipnet.registration.result import Registration, ScanFacts
@@ -23,7 +24,10 @@ from skipnet.skipmap.tree import Points, points_of
 from skipnet.storage import read_json, write_text
 from skipnet.types import FloatArray, Status
 
-_KINDS = {kind.__name__: kind for kind in (Outcome, Registration, ScanFacts, Findings, PriorCheck)}
+_KINDS = {
+    kind.__name__: kind
+    for kind in (Outcome, Registration, ScanFacts, Findings, Furnishing, PriorCheck)
+}
 
 
 class PairStore:

@@ -48,16 +48,17 @@ class Answer:
         poses = [change(T) for T in (self.coarse, self.finalists, self.T_target_source)]
         if self.findings is None:
             return Answer(poses[0], poses[1], poses[2], self.verdict, None)
-        rotation = T_new_old[:3, :3]
+        found, rotation = self.findings, T_new_old[:3, :3]
         both = np.kron(np.eye(2), rotation)
+        gone_m = transform_points(T_new_old, found.furnishing.gone_m)
         findings = replace(
-            self.findings,
-            covariance=both @ self.findings.covariance @ both.T,
-            covariance_centre_m=transform_points(
-                T_new_old, self.findings.covariance_centre_m[None]
-            )[0],
-            free_directions=self.findings.free_directions @ rotation.T,
-            free_turns=self.findings.free_turns @ rotation.T,
-            alternatives=change(self.findings.alternatives),
+            found,
+            covariance=both @ found.covariance @ both.T,
+            covariance_centre_m=transform_points(T_new_old, found.covariance_centre_m[None])[0],
+            free_directions=found.free_directions @ rotation.T,
+            free_turns=found.free_turns @ rotation.T,
+            alternatives=change(found.alternatives),
+            forks_m=transform_points(T_new_old, found.forks_m),
+            furnishing=replace(found.furnishing, gone_m=gone_m),
         )
         return Answer(poses[0], poses[1], poses[2], decide(findings), findings)

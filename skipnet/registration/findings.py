@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
+from skipnet.registration.judging.furnishing import Furnishing
 from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN
 from skipnet.registration.judging.score import STRAY_SHARE
 from skipnet.types import FloatArray
@@ -26,6 +27,12 @@ CLEAN_MISMATCH, CLEAN_CLOSENESS = 0.06, 0.85
 """Where two simulated scans share little, what is right lies beside no other surface and agrees
 closely; what is wrong does not, or contradicts what was seen: of poses with a confidence of 0.3 to
 0.55 that nothing else calls in doubt 12 of 13 right ones are clean, and none of 11 wrong ones."""
+
+MIN_GONE = 6
+"""Fewer small things that are not there again may have been moved, and so may many be, as long as
+more are still there. Of rooms alike but for what lies about 14 to 24 such things are told, 0.65 to
+1.0 of them gone; where 0.3 of it was moved 0.06 to 0.41, where 0.6 was 0.30 to 0.56, where none was
+0.08 at most."""
 
 _SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
@@ -61,6 +68,9 @@ class Findings:
         "free_directions",
         "free_turns",
         "alternatives_T_target_source",
+        "surfaces_part_at_m",
+        "small_things_again",
+        "small_things_gone_at_m",
     )
     """Keys of ``as_json``."""
 
@@ -114,6 +124,17 @@ class Findings:
     """(F, 3) unit axes in the target's frame about which the data let the pose turn."""
     alternatives: FloatArray
     """(A, 4, 4) distinct poses that explain the data as well."""
+    forks_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(P, 3) where the scans' surfaces part, in the target's frame; see ``judging.forks``. Asked of
+    scans that are both blind, and of poses that would be registered."""
+    furnishing: Furnishing = field(default_factory=Furnishing.none)
+    """What the small things say of the pose; asked where both sensors' places are known."""
+
+    @property
+    def is_furnished_otherwise(self) -> bool:
+        """Most of the small things of either scan are not in the other one."""
+        gone = len(self.furnishing.gone_m)
+        return gone >= MIN_GONE and gone > self.furnishing.again
 
     @property
     def is_blind(self) -> bool:
@@ -172,6 +193,9 @@ class Findings:
             self.free_directions.tolist(),
             self.free_turns.tolist(),
             self.alternatives.tolist(),
+            self.forks_m.tolist(),
+            self.furnishing.again,
+            self.furnishing.gone_m.tolist(),
         )
         return dict(zip(self.JSON_NAMES, values, strict=True))
 

@@ -98,14 +98,40 @@ def decide(findings: Findings) -> Verdict:
     if confidence < MIN_CONFIDENCE or findings.has_too_little:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict(Status.FAILED, min(confidence, 0.5), reason)
-    if findings.is_blind and findings.odd_share > MAX_ODD_SHARE:
-        reason = (
-            f"{seen}, most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
-            "scans may show two things that are alike, not the same one, or parts of it have moved"
-        )
-        return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), reason)
+    if (why := _why_another(findings)) is not None:
+        return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), f"{seen}, {why}")
     reason = f"{seen} and {findings.violation:.1%} contradict what the sensors saw as free"
     return Verdict(Status.REGISTERED, confidence, reason)
+
+
+def _why_another(findings: Findings) -> str | None:
+    """What says that the scans show two things that are alike, not the same one; None if nothing
+    does."""
+    if findings.is_blind and findings.odd_share > MAX_ODD_SHARE:
+        return (
+            f"most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
+            "scans may show two things that are alike, not the same one, or parts of it have moved"
+        )
+    if len(findings.forks_m):
+        return (
+            f"but at {_place(findings.forks_m)} the scans' surfaces part and go on "
+            "differently: they may show two things that are alike, not the same one, or something "
+            "was changed there; crop it, or give the places of the sensors"
+        )
+    if findings.is_furnished_otherwise:
+        gone_m = findings.furnishing.gone_m
+        return (
+            f"but {len(gone_m)} small things stand in one scan alone, such as at "
+            f"{_place(gone_m)}, and only {findings.furnishing.again} in both: they may show two "
+            "rooms that are alike, or nearly all was moved; add a scan, or crop what was moved"
+        )
+    return None
+
+
+def _place(places_m: FloatArray) -> str:
+    """The first of (P, 3) places, in words."""
+    place = ", ".join(f"{coordinate:.3g}" for coordinate in places_m[0])
+    return f"({place}) in the target's frame"
 
 
 def _is_loose(findings: Findings) -> bool:

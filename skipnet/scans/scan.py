@@ -19,6 +19,7 @@ from skipnet.scans.evidence import Evidence
 from skipnet.scans.lattice import lattice_step_m
 from skipnet.scans.record import Record
 from skipnet.scans.sparse import Thinned, thin
+from skipnet.scans.things import Things, find_things, standing_out
 from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
@@ -139,6 +140,18 @@ class Scan:
     def planes(self) -> Planes:
         """The planes of the scan, heaviest first."""
         return find_planes(self.skipmap)
+
+    @cached_property
+    def fine_cells(self) -> CellTable:
+        """The row of ``fine_tree`` in each of its cells."""
+        fine = self.fine_tree
+        return CellTable(fine.cells, fine.voxel_size_m, fine.origin_m)
+
+    @cached_property
+    def things(self) -> Things:
+        """The small things that stand on its large planes."""
+        out = standing_out(self.fine_tree, self.planes, len(self.skipmap))
+        return find_things(self.fine_tree, self.fine_cells, out)
 
     @property
     def is_sparse(self) -> bool:

@@ -27,6 +27,7 @@ def test_it_registers_every_kind_in_both_precisions(capsys, monkeypatch):
         "skipnet.registration.pipeline.register",
         lambda source_m, target_m, **options: seen.append((source_m, target_m)) or Mock(),
     )
+    monkeypatch.setattr(command, "_doubt", lambda result: None)
     monkeypatch.setattr("skipnet.results.skipmaps.skipmaps_of", lambda result: None)
     monkeypatch.setattr("skipnet.viz.pictures.draw_before_after", Mock())
     assert main(["compile"]) == 0

@@ -12,6 +12,7 @@ from skipnet.registration.alignment.refinement import Refinement, no_refinement
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import Findings
+from skipnet.registration.judging.furnishing import Furnishing
 from skipnet.registration.judging.score import CHANCE_SCORE, Score
 from skipnet.registration.pipeline import register
 from skipnet.registration.settling import FINALISTS, enter, firmest_first
@@ -94,6 +95,8 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
         ({"violation": 0.05}, "failed", "saw free space"),
         ({"is_mirrored": True}, "failed", "mirror image"),
         ({"odd_share": 0.1, "blind": 1.0}, "ambiguous", "alike, not the same"),
+        ({"forks_m": np.ones((1, 3))}, "ambiguous", "at (1, 1, 1) in the target's frame"),
+        ({"furnishing": Furnishing(6, np.ones((7, 3)))}, "ambiguous", "7 small things stand in"),
         ({"seen_again": 0.7, "is_sparse": True}, "ambiguous", "rides with the sensor"),
         ({"seen_again": 0.7, "riding_worth": 50.0}, "ambiguous", "rides with the sensor"),
     ],
@@ -102,6 +105,12 @@ def test_what_speaks_against_a_pose_is_said(found, status, words):
     verdict = decide(replace(GOOD, **found))
     assert verdict.status == status and words in verdict.reason
     assert verdict.confidence <= 0.5
+
+
+def test_small_things_that_were_moved_while_as_many_stayed_cost_nothing():
+    for again, gone in ((7, 7), (0, 5)):
+        found = replace(GOOD, furnishing=Furnishing(again, np.ones((gone, 3))))
+        assert decide(found) == decide(GOOD)
 
 
 def test_sensors_that_stood_still_before_a_scene_at_rest_need_no_warning():

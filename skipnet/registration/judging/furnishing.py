@@ -1,0 +1,114 @@
+"""One room or two alike? Walls and tables may be the same, and all that lies about another's.
+
+Of what lies about, some may have been moved between two scans, or somebody has walked by. But where
+most of the small things of either scan are missing in the other one, though its sensor looked
+through the places where they stand, nothing says that it is the same room.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.geometry import invert, transform_points
+from skipnet.scans.scan import Scan
+from skipnet.skipmap.cell_table import CellTable
+from skipnet.skipmap.cells import cells_of
+from skipnet.skipmap.connected import AROUND
+from skipnet.types import BoolArray, FloatArray, IntArray
+
+IS_AGAIN = 0.5
+"""A thing is there again if so much of it has something beside it that stands out likewise."""
+IS_GONE, IS_LOOKED_THROUGH = 0.3, 0.3
+"""It is gone if less has, and the other sensor looked through so much of it ..."""
+BEHIND_VOXELS = 2.0
+"""... to what it saw so far behind, in fine voxels."""
+MOST_WAY_BINS = 64
+"""Directions are sorted by cubes of one over this at least, about as wide as a voxel looks."""
+_HERE_AND_AROUND = np.concatenate([np.zeros((1, 3), dtype=np.int64), AROUND])
+
+
+@dataclass(frozen=True)
+class Furnishing:
+    """What the small things of two scans say of a pose."""
+
+    again: int
+    """Things of either scan that the other one has at the same place."""
+    gone_m: FloatArray
+    """(G, 3) where things of either scan stand that are not in the other one, though its sensor
+    looked through their places; target frame."""
+
+    @staticmethod
+    def none() -> Furnishing:
+        """Where nobody asked, or nothing stands about."""
+        return Furnishing(0, np.zeros((0, 3)))
+
+
+def compare_things(T_target_source: FloatArray, source: Scan, target: Scan) -> Furnishing:
+    """Look for the small things of either scan in the other one, under a (4, 4) pose.
+
+    Where a sensor's place is not known nobody can tell what it looked through.
+    """
+    if source.viewpoint_m is None or target.viewpoint_m is None:
+        return Furnishing.none()
+    there = _one_way(T_target_source, source, target)
+    back = _one_way(invert(T_target_source), target, source)
+    gone_m = np.concatenate([there.gone_m, transform_points(T_target_source, back.gone_m)])
+    return Furnishing(there.again + back.again, gone_m)
+
+
+def _one_way(T_b_a: FloatArray, a: Scan, b: Scan) -> Furnishing:
+    """a's things, looked for in b; places in b's frame."""
+    things = a.things
+    if len(things) == 0:
+        return Furnishing.none()
+    points_m = transform_points(T_b_a, a.fine_tree.centroids_m[things.rows])
+    tree, of, sizes = b.fine_tree, things.numbers, np.bincount(things.numbers)
+    cells = cells_of(points_m, tree.voxel_size_m, tree.origin_m)
+    found = b.fine_cells.find_around(cells, _HERE_AND_AROUND)
+    stands_out = ((found >= 0) & b.things.stands_out[found]).any(axis=1)
+    again = np.bincount(of, stands_out) / sizes
+    asked = np.flatnonzero((again < IS_GONE)[of] & (found < 0).all(axis=1))
+    through = _is_looked_through(invert(T_b_a), a, b, asked)
+    gone = np.bincount(of[asked], through, minlength=len(sizes)) >= IS_LOOKED_THROUGH * sizes
+    gone &= again < IS_GONE
+    middle_m = np.column_stack([np.bincount(of, points_m[:, k]) / sizes for k in range(3)])
+    return Furnishing(int((again >= IS_AGAIN).sum()), middle_m[gone])
+
+
+def _is_looked_through(T_a_b: FloatArray, a: Scan, b: Scan, asked: IntArray) -> BoolArray:
+    """(N,) which of (N,) asked voxels of a's things lie between b's sensor and what it saw."""
+    through = np.zeros(len(asked), dtype=bool)
+    if len(asked) == 0:
+        return through
+    assert b.viewpoint_m is not None
+    tree, rows, voxel_m = a.fine_tree, a.things.rows[asked], a.fine_tree.voxel_size_m
+    sensor_m = transform_points(T_a_b, b.viewpoint_m[None])[0]
+    things_m = tree[rows].centroids_m - sensor_m
+    seen_m = transform_points(T_a_b, b.fine_tree.centroids_m) - sensor_m
+    ranges_m = np.sqrt(np.einsum("vi,vi->v", seen_m, seen_m))
+    ways = seen_m / np.maximum(ranges_m, 1e-9)[:, None]
+    near = _pass_by(ways, things_m, voxel_m)
+    ways, ranges_m = ways[near], ranges_m[near]
+    # Along each line from before the nearest of them to behind the farthest, or to what was seen.
+    nearest_m, farthest_m = np.quantile(np.linalg.norm(things_m, axis=1), (0, 1))
+    ends_m = np.minimum(ranges_m - BEHIND_VOXELS * voxel_m, farthest_m + voxel_m)
+    starts_m = np.repeat(sensor_m[None], len(ways), axis=0)
+    table = CellTable(tree.cells[rows], voxel_m, tree.origin_m)
+    first_m = max(nearest_m - voxel_m, BEHIND_VOXELS * voxel_m)
+    _, met = table.find_along(starts_m, ways, first_m, ends_m, voxel_m / 2)
+    through[met] = True
+    return through
+
+
+def _pass_by(ways: FloatArray, things_m: FloatArray, voxel_m: float) -> BoolArray:
+    """(V,) which unit directions may meet a voxel at one of (N, 3) places, seen from 0: the others
+    need not be followed."""
+    away_m = np.maximum(np.linalg.norm(things_m, axis=1), voxel_m)
+    bins = int(np.clip(away_m.min(initial=MOST_WAY_BINS * voxel_m) / voxel_m, 1, MOST_WAY_BINS))
+    marked = np.zeros((2 * bins + 3,) * 3, dtype=bool)
+    bin_of = (things_m / away_m[:, None] * bins + bins + 1.5).astype(np.int64)
+    for step in _HERE_AND_AROUND:
+        marked[tuple((bin_of + step).T)] = True
+    return marked[tuple((ways * bins + bins + 1.5).astype(np.int64).T)]

@@ -1,0 +1,109 @@
+"""The small things that stand about in one scan: what lies on a floor, a shelf, or at a wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skipnet.compiled import compiled
+from skipnet.features.primitives import Planes
+from skipnet.skipmap.cell_table import CellTable
+from skipnet.skipmap.connected import HALF_AROUND, connected
+from skipnet.skipmap.tree import SkipTree
+from skipnet.types import BoolArray, IntArray
+
+LARGE_PLANE = 0.02
+"""A plane of this share of all voxels is part of the room ..."""
+OFF_PLANE_VOXELS = 1.2
+"""... and what lies farther off it, in fine voxels, is not part of the plane."""
+FEWEST_VOXELS = 5
+"""Of a thing, fine ones; it takes up ..."""
+MOST_VOXELS = 10
+"""... no more than so many of them along each axis of the scan's frame. People, doors and chairs,
+which may well move between two scans, are larger."""
+MOST_THINGS = 60
+"""Of more the largest are looked at: so many tell."""
+MIN_FOOTING = 4
+"""A thing stands on something if so many voxels of large planes lie within two steps of it: what
+hangs in the air is the front of something."""
+_REACH = range(-2, 3)
+_NEAR = np.array([(x, y, z) for x in _REACH for y in _REACH for z in _REACH])
+
+
+@dataclass(frozen=True)
+class Things:
+    """The small things of a scan that stand on its large planes."""
+
+    stands_out: BoolArray
+    """(V,) which voxels of the fine tree lie on no large plane."""
+    rows: IntArray
+    """(N,) voxels of the fine tree that are part of a thing ..."""
+    numbers: IntArray
+    """(N,) ... and the number of this thing, ascending."""
+
+    def __len__(self) -> int:
+        return int(self.numbers[-1]) + 1 if len(self.numbers) else 0
+
+
+def standing_out(tree: SkipTree, planes: Planes, voxels: int) -> BoolArray:
+    """(V,) which voxels of a scan lie on none of its large planes.
+
+    Args:
+        tree: all its voxels at the finest level.
+        planes: of the scan.
+        voxels: of the level at which these were found.
+    """
+    points_m, out = tree.centroids_m, np.ones(len(tree), dtype=bool)
+    large = planes.weights >= LARGE_PLANE * voxels
+    for normal, offset_m in zip(planes.normals[large], planes.offsets_m[large], strict=True):
+        out &= np.abs(points_m @ normal - offset_m) > OFF_PLANE_VOXELS * tree.voxel_size_m
+    return out
+
+
+def find_things(tree: SkipTree, table: CellTable, out: BoolArray) -> Things:
+    """The small things of a scan.
+
+    Args:
+        tree: all its voxels at the finest level.
+        table: the row of each of their cells.
+        out: (V,) which of them stand out, see ``standing_out``.
+    """
+    cells, rows = tree.cells, np.flatnonzero(out)
+    number = connected(table.find_around(cells[rows], HALF_AROUND), rows, len(tree))
+    order = np.argsort(number, kind="stable")
+    rows, number = rows[order], number[order]
+    starts = np.flatnonzero(np.diff(number, prepend=-1))
+    if len(starts) == 0:
+        return Things(out, rows, number)
+    low, high = (part.reduceat(cells[rows], starts) for part in (np.minimum, np.maximum))
+    sizes = np.bincount(number)
+    sizes[((high - low).max(axis=1) >= MOST_VOXELS) | (sizes < FEWEST_VOXELS)] = 0
+    is_small = np.zeros(len(sizes), dtype=bool)
+    is_small[np.argsort(-sizes, kind="stable")[:MOST_THINGS]] = True
+    is_small &= sizes > 0
+    rows, number = rows[is_small[number]], number[is_small[number]]
+    footing = _footing(table.find_around(cells[rows], _NEAR), number, out, len(starts))
+    stands = footing[number] >= MIN_FOOTING
+    return Things(out, rows[stands], np.unique(number[stands], return_inverse=True)[1])
+
+
+@compiled
+def _footing(near: IntArray, number: IntArray, out: BoolArray, groups: int) -> IntArray:
+    """(G,) how many voxels that do not stand out are near each group's.
+
+    Args:
+        near: (N, O) rows of the voxels near each of N, -1 for none.
+        number: (N,) their groups, ascending.
+        out: (V,) which voxels stand out.
+        groups: how many there are.
+    """
+    footing = np.zeros(groups, dtype=np.int64)
+    counted = np.full(len(out), -1, dtype=np.int64)
+    for n in range(len(near)):
+        for o in range(near.shape[1]):
+            row = near[n, o]
+            if row >= 0 and not out[row] and counted[row] != number[n]:
+                counted[row] = number[n]
+                footing[number[n]] += 1
+    return footing
