@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +17,7 @@ from skipnet.projects.groups import Group, Joiner, merit
 from skipnet.projects.orders import configurations, first_configuration
 from skipnet.projects.places import places
 from skipnet.projects.tightening import Settle, tightened
-from skipnet.projects.ways import MOST_OVERLAP, Standards, rivals
+from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
 from skipnet.types import FloatArray
 
 LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one=True)
@@ -38,6 +38,12 @@ RELIABLE = 0.9
 """Share of the registered pairs that must hold for pairs to be believed by themselves: it is 1.00
 in a facade, a kitchen and a turntable, and .08 to .75 in most simulated floors of alike rooms. And
 they must make a loop for every two scans: a floor of which few pairs hold is no facade."""
+TOLD = 0.5
+"""Places can be told apart by free space where so many of the scans see all round, and it
+contradicts so many of the proposals: nine tenths in rooms, little in a bare corridor. Where it
+cannot, narrow views and small things fit on much, and the pairs' own word is all there is, ..."""
+LEAST_RELIABLE = 0.75
+"""... if so many of them hold."""
 SAME_PLACE_LIMIT = 0.003
 """Two scans that share more than strict standards allow stand in one place and see the same free
 space. Where they contradict by more than this nevertheless, they are of two rooms that look alike,
@@ -63,6 +69,9 @@ class Decision:
     """... whose lowest scan number this is."""
     reliability: float
     """Share of the registered pairs that hold, of those that could be told."""
+    unsure: Mapping[PairKey, FloatArray] = field(default_factory=dict)
+    """Pairs whose word would settle whether groups belong together, and (4, 4) the pose of the
+    second scan's own frame in the first one's that they would have."""
 
 
 class Arbiter:
@@ -81,6 +90,24 @@ class Arbiter:
     def decide(self, scans: Iterable[int]) -> Decision:
         """Groups from what pairs proposed, and what is in doubt."""
         scans = list(scans)
+        groups, standards, holds = self._decided(scans)
+        doubts = Doubts(self._joiner, standards, holds)
+        sure = doubts.sure_parts(groups)
+        for _ in range(MAX_ROUNDS if standards.believes_one else 0):
+            grown = self._joiner.grow(self._counted(sure), standards)
+            if [group.scans for group in grown] == [group.scans for group in sure]:
+                break
+            sure = doubts.sure_parts(grown)
+        reliability = self.reliability(groups, standards)
+        return self._with_places(sure, doubts, reliability)
+
+    def _decided(self, scans: list[int]) -> tuple[list[Group], Standards, bool]:
+        """The groups, by which standards, and whether what pairs say by themselves holds."""
+        if not self._is_told(scans):
+            self._joiner.witness.hopeless = HOPELESS * LENIENT.limit
+            groups = self._repaired(self._grown(scans, LENIENT), LENIENT)
+            holds = self.reliability(groups, LENIENT) >= LEAST_RELIABLE
+            return groups if holds else [Group.single(s) for s in scans], LENIENT, holds
         trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
         strict = self._strict()
         wary = replace(strict, most_overlap=MOST_OVERLAP)
@@ -94,14 +121,14 @@ class Arbiter:
                 groups = self._searched(scans, standards)
             if holds := self._holds(groups, standards):
                 break
-        doubts = Doubts(self._joiner, standards, holds)
-        sure = doubts.sure_parts(groups)
-        for _ in range(MAX_ROUNDS if standards.believes_one else 0):
-            grown = self._joiner.grow(self._counted(sure), standards)
-            if [group.scans for group in grown] == [group.scans for group in sure]:
-                break
-            sure = doubts.sure_parts(grown)
-        return self._with_places(sure, doubts.standards, self.reliability(groups, standards))
+        return groups, standards, holds
+
+    def _is_told(self, scans: list[int]) -> bool:
+        """Whether free space tells where scans cannot be."""
+        sees = [self._joiner.witness.sees_all_round(scan) for scan in scans]
+        violation = [pair.violation for pair in self._joiner.proposals.values()]
+        contradicts = np.concatenate(violation) > STRICT.limit if violation else np.ones(1)
+        return bool(np.mean(sees) >= TOLD and np.mean(contradicts) >= TOLD)
 
     def _first(self, scans: list[int], standards: Standards) -> list[Group]:
         """Groups at a glance; where pairs would be believed, from what they are sure of alone."""
@@ -129,20 +156,14 @@ class Arbiter:
 
     def reliability(self, groups: list[Group], standards: Standards) -> float:
         """Share of the registered pairs that hold, of those that can be told; 1 for none."""
-        of_scan = {scan: group for group in groups for scan in group.poses}
-        held, refuted = 0, 0
-        for key, pair in self._joiner.proposals.items():
-            if pair.confidence == 0:
-                continue
-            first, second = of_scan[key[0]], of_scan[key[1]]
-            if first is second:
-                holds = bool(self._joiner.proposed(first, key)[0])
-                held, refuted = held + holds, refuted + (not holds)
-            else:
-                T = first.poses[key[0]] @ pair.T_target_source[0] @ invert(second.poses[key[1]])
-                said = self._joiner.witness.all_pairs(first.poses, second.poses, T[None])
-                refuted += bool(said.contradiction[0] > standards.limit)
-        return held / (held + refuted) if held + refuted else 1.0
+        group_of = {scan: group for group in groups for scan in group.poses}
+        words = [
+            self._joiner.holds(key, group_of, standards)
+            for key, pair in self._joiner.proposals.items()
+            if pair.confidence > 0
+        ]
+        told = [word for word in words if word is not None]
+        return sum(told) / len(told) if told else 1.0
 
     def _lies_on_another(self, groups: list[Group]) -> bool:
         """Whether scans of alike rooms were laid on each other."""
@@ -206,10 +227,9 @@ class Arbiter:
         here, others = places(group, scan, self._joiner)
         return any(way.worth(standards) > CLEARLY_BETTER * here.worth(standards) for way in others)
 
-    def _with_places(
-        self, groups: list[Group], standards: Standards, reliability: float
-    ) -> Decision:
+    def _with_places(self, groups: list[Group], doubts: Doubts, reliability: float) -> Decision:
         """What is known of the scans that stand alone."""
+        standards = doubts.standards
         fits: dict[int, list[FloatArray]] = {}
         host: dict[int, int] = {}
         for lone in [group for group in groups if len(group.poses) == 1]:
@@ -226,4 +246,4 @@ class Arbiter:
             if best is not None:
                 fits[scan] = [way.T for way in best[2]]
                 host[scan] = best[1].scans[0]
-        return Decision(groups, fits, host, reliability)
+        return Decision(groups, fits, host, reliability, doubts.unsure)

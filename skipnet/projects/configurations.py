@@ -139,7 +139,7 @@ class Builder:
         for a, b, T_a_b in self.witness.meeting(first, moved):
             overlap, violation = self.witness.about(a, b, T_a_b)
             beyond = max(violation - STRAY_SHARE, 0.0)
-            if self._objects(overlap, beyond):
+            if self._objects(a, b, T_a_b, overlap, beyond):
                 self._objections[row] = (a, b), self._lying(row, a, b, first, second)
                 return None
             excess += beyond
@@ -152,9 +152,11 @@ class Builder:
             return None
         return moved, shares, against
 
-    def _objects(self, overlap: float, excess: float) -> bool:
+    def _objects(self, a: int, b: int, T_a_b: FloatArray, overlap: float, excess: float) -> bool:
         """Whether a pair of scans refutes a join."""
-        return excess > self._standards.limit or overlap > self._standards.most_overlap
+        is_twin = overlap > self._standards.most_overlap
+        is_twin = is_twin and not self.witness.same_station(a, b, T_a_b[None])[0]
+        return is_twin or excess > self._standards.limit
 
     def _between(
         self, row: int, first: dict[int, FloatArray], second: dict[int, FloatArray]
@@ -181,8 +183,9 @@ class Builder:
             return True
         T = self._between(row, first, second)
         here, there = (T @ second[one] if one in second else first[one] for one in (a, b))
-        overlap, violation = self.witness.about(a, b, invert(here) @ there)
-        objects = self._objects(overlap, violation - STRAY_SHARE)
+        T_a_b = invert(here) @ there
+        overlap, violation = self.witness.about(a, b, T_a_b)
+        objects = self._objects(a, b, T_a_b, overlap, violation - STRAY_SHARE)
         if objects:
             self._objections[row] = (a, b), now
         return objects
@@ -195,15 +198,18 @@ class Builder:
         return tuple(first[scan] if scan in first else second[scan] for scan in scans)
 
 
-def edges_of(proposals: Mapping[PairKey, Proposals], standards: Standards) -> Edges:
+def edges_of(
+    proposals: Mapping[PairKey, Proposals], witness: Witness, standards: Standards
+) -> Edges:
     """The proposals in which something agrees and next to nothing contradicts."""
     ends: list[PairKey] = []
     T: list[FloatArray] = [np.zeros((0, 4, 4))]
     weight: list[float] = []
     for key, pair in sorted(proposals.items()):
         excess = np.maximum(pair.violation - STRAY_SHARE, 0.0)
-        rows = (pair.overlap >= MIN_OVERLAP) & (pair.overlap <= standards.most_overlap)
-        rows &= excess <= standards.limit
+        rows = pair.overlap <= standards.most_overlap
+        rows |= witness.same_station(*key, pair.T_target_source)
+        rows &= (pair.overlap >= MIN_OVERLAP) & (excess <= standards.limit)
         ends += [key] * int(rows.sum())
         T.append(pair.T_target_source[rows])
         weight += (pair.overlap * np.exp(-pair.violation / standards.limit))[rows].tolist()

@@ -128,12 +128,13 @@ def _places(
         first = decision.groups[host].scans[0]
         T_first_group = invert(decision.groups[host].poses[first])
         found[scan] = [
-            Place(host, _given(scans[first], T_first_group @ T, scans[scan])) for T in options
+            Place(host, between_given(scans[first], T_first_group @ T, scans[scan]))
+            for T in options
         ]
     return found
 
 
-def _given(first: Scan, T_first_scan: FloatArray, scan: Scan) -> FloatArray:
-    """(4, 4) between the frames that two scans were given in."""
+def between_given(first: Scan, T_first_scan: FloatArray, scan: Scan) -> FloatArray:
+    """(4, 4) between the frames that two scans were given in, of one between their own."""
     T: FloatArray = first.T_given_own @ T_first_scan @ invert(scan.T_given_own)
     return T

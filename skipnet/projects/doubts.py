@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.misfits import best_misfit
@@ -14,7 +16,8 @@ from skipnet.projects.motions import rival_split
 from skipnet.projects.places import places
 from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
 from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
-from skipnet.types import FloatArray
+from skipnet.registration.result import Registration
+from skipnet.types import FloatArray, Status
 
 FIRM_WITNESSES = 3
 """Where much looks alike, a scan is believed that overlaps with so many others of its group, ..."""
@@ -28,6 +31,11 @@ BEYOND_MISFIT = 1.25
 before, on random parts of development floors."""
 ENOUGH_FIRM = 5
 """So many scans with enough witnesses must have been asked."""
+SURE_PAIR = 0.9
+"""Confidence of a pair of narrow views that joins them, if nobody else would object: of many pairs
+that might, those come to be asked that agree by chance."""
+ASKED_PER_JOIN = 2
+"""Pairs that are asked whether two parts belong together as they lie."""
 REMAINING_RIVAL = 0.5
 """Where much looks alike, a place with this share of another one's support is as good."""
 
@@ -46,13 +54,17 @@ class Doubts:
         """
         self._joiner = joiner
         self._holds = holds
+        self.unsure: dict[PairKey, FloatArray] = {}
+        """Pairs whose word would settle whether parts that came apart belong together, and (4, 4)
+        the pose that they would have."""
         least = standards.rival_support if standards.believes_one else REMAINING_RIVAL
         self.standards = replace(standards, rival_support=least)
 
     def sure_parts(self, groups: list[Group]) -> list[Group]:
         """The groups without the scans that would fit elsewhere, in parts that cannot be moved
         against each other."""
-        kept, left = [], [self._sure(group) for group in groups]
+        group_of = {scan: group for group in groups for scan in group.poses}
+        kept, left = [], [self._sure(group, group_of) for group in groups]
         kept += [
             Group.single(s)
             for g, rest in zip(groups, left, strict=True)
@@ -61,7 +73,9 @@ class Doubts:
         ]
         while left:
             group = left.pop()
-            for part in components(group.scans, self._edges(group)):
+            parts = components(group.scans, self._edges(group))
+            self._note_unsure(group, parts)
+            for part in parts:
                 rest = Group({scan: group.poses[scan] for scan in part})
                 split = self._split(rest)
                 if split is None:
@@ -127,16 +141,21 @@ class Doubts:
 
     def _is_registered(self, group: Group, scan: int) -> bool:
         """Whether a pair that registered by itself puts a scan where it is."""
-        return any(
-            self._joiner.proposals[key].confidence > 0 and self._joiner.proposed(group, key)[0]
-            for key in self._joiner.voters(group, scan)
-        )
+        return any(self._confidence(group, key) > 0 for key in self._joiner.voters(group, scan))
 
-    def _sure(self, group: Group) -> Group:
+    def _confidence(self, group: Group, key: PairKey) -> float:
+        """Of a pair that registered by itself as it lies in its group; else 0."""
+        pair = self._joiner.proposals.get(key)
+        if pair is None or pair.confidence == 0 or not self._joiner.proposed(group, key)[0]:
+            return 0.0
+        return pair.confidence
+
+    def _sure(self, group: Group, group_of: Mapping[int, Group]) -> Group:
         """A group without the scans that would fit elsewhere."""
         sure = group.scans
         if self.standards.believes_one:
             sure = [s for s in sure if not self._is_torn(group, s)]
+            sure = [s for s in sure if not self._is_contested(s, group_of)]
         elif not self._holds:
             sure = [s for s in sure if not self._has_twin(group, s)]
         return Group({scan: group.poses[scan] for scan in sure})
@@ -147,12 +166,24 @@ class Doubts:
         here, others = places(group, scan, self._joiner)
         return len(rivals([here, *others], self.standards)) > 1
 
+    def _is_contested(self, scan: int, group_of: Mapping[int, Group]) -> bool:
+        """Whether a pair that is sure by itself is refuted, and few such pairs hold the scan."""
+        words = [
+            self._joiner.holds(key, group_of, self.standards)
+            for key, pair in self._joiner.proposals.items()
+            if scan in key and pair.confidence >= SURE_PAIR
+        ]
+        return False in words and words.count(True) < FIRM_WITNESSES
+
     def _has_twin(self, group: Group, scan: int) -> bool:
         """Whether another scan sees the same and might stand here instead of this one."""
         limit = self.standards.limit
         for key, pair in self._joiner.proposals.items():
+            if scan not in key:
+                continue
             same = (pair.overlap > MOST_OVERLAP) & (pair.violation - STRAY_SHARE <= limit)
-            if scan in key and same.any():
+            same &= ~self._joiner.witness.same_station(*key, pair.T_target_source)
+            if same.any():
                 T = pair.T_target_source[np.argmax(same)]
                 T_scan_twin = T if key[0] == scan else invert(T)
                 if self._may_swap(group, scan, sum(key) - scan, T_scan_twin):
@@ -179,6 +210,29 @@ class Doubts:
         )
 
     def _edges(self, group: Group) -> list[PairKey]:
-        """Pairs that see enough of the same."""
-        overlaps = self._joiner.overlaps(group)
-        return [key for key, overlap in overlaps.items() if overlap >= MIN_OVERLAP]
+        """Pairs that see enough of the same, if one of them would see that it cannot be so: two
+        narrow views agree by chance on walls and floors, so their pair must be sure by itself."""
+        all_round = {scan for scan in group.poses if self._joiner.witness.sees_all_round(scan)}
+        return [
+            key
+            for key, overlap in self._joiner.overlaps(group).items()
+            if overlap >= MIN_OVERLAP
+            and (all_round & set(key) or self._confidence(group, key) >= SURE_PAIR)
+        ]
+
+    def _note_unsure(self, group: Group, parts: list[list[int]]) -> None:
+        """Keep which pairs across the parts of a group agree most."""
+        part_of = numbered(parts)
+        across: dict[tuple[int, int], list[tuple[float, PairKey]]] = {}
+        for (a, b), overlap in self._joiner.overlaps(group).items():
+            if part_of[a] != part_of[b] and overlap >= MIN_OVERLAP:
+                ends = min(part_of[a], part_of[b]), max(part_of[a], part_of[b])
+                across.setdefault(ends, []).append((-overlap, (a, b)))
+        for pairs in across.values():
+            for _, (a, b) in sorted(pairs)[:ASKED_PER_JOIN]:
+                self.unsure[a, b] = invert(group.poses[a]) @ group.poses[b]
+
+
+def is_sure(result: Registration) -> bool:
+    """Whether the word of a pair of narrow views is enough."""
+    return result.status is Status.REGISTERED and result.confidence >= SURE_PAIR

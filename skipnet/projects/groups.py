@@ -150,6 +150,24 @@ class Joiner:
         T = invert(group.poses[key[0]]) @ group.poses[key[1]]
         return same_place(self.witness, key[1], T, self.proposals[key].T_target_source)
 
+    def holds(
+        self, key: PairKey, group_of: Mapping[int, Group], standards: Standards
+    ) -> bool | None:
+        """Whether the answer of a pair holds; None if its scans are of two groups that it may join.
+
+        Args:
+            key: of a pair that registered.
+            group_of: of each scan its group.
+            standards: by which the groups grew.
+        """
+        first, second = group_of[key[0]], group_of[key[1]]
+        if first is second:
+            return bool(self.proposed(first, key)[0])
+        T = self.proposals[key].T_target_source[0]
+        T_first_second = first.poses[key[0]] @ T @ invert(second.poses[key[1]])
+        said = self.witness.all_pairs(first.poses, second.poses, T_first_second[None])
+        return False if said.contradiction[0] > standards.limit else None
+
     def _find_ways(self, first: Group, second: Group) -> list[Way]:
         found = [
             self._across(key, first.poses[a], second.poses[b], is_turned=a > b)

@@ -31,7 +31,7 @@ def best_misfit(
         The sum over the pairs of the share of the surfaces that agree; 0 if no wrong place is fit.
     """
     group_of = {scan: group for group in groups for scan in group.poses}
-    edges, best = edges_of(joiner.proposals, standards), 0.0
+    edges, best = edges_of(joiner.proposals, joiner.witness, standards), 0.0
     for (target, source), T in zip(edges.ends.tolist(), edges.T_target_source, strict=True):
         for scan, other, T_other_scan in ((source, target, T), (target, source, invert(T))):
             if scan in firm and other in group_of:
@@ -57,7 +57,9 @@ def _agrees(
     for a, b, T_a_b in witness.meeting(group.poses, {scan: place}):
         overlap, violation = witness.about(a, b, T_a_b)
         beyond = max(violation - STRAY_SHARE, 0.0)
-        if beyond > standards.limit or overlap > standards.most_overlap:
+        is_twin = overlap > standards.most_overlap
+        is_twin = is_twin and not witness.same_station(a, b, T_a_b[None])[0]
+        if is_twin or beyond > standards.limit:
             objections += 1
             if objections > 1:
                 return 0.0

@@ -52,7 +52,7 @@ def first_configuration(
     standards: Standards,
 ) -> Configuration:
     """What joining by the most promising pairs first gives, right or wrong."""
-    builder = Builder(edges_of(proposals, standards), witness, standards)
+    builder = Builder(edges_of(proposals, witness, standards), witness, standards)
     return builder.build(all_alone(scans), None)
 
 
@@ -72,7 +72,7 @@ def configurations(
         witness: asks scans about poses.
         standards: what a join must fulfil.
     """
-    builder = Builder(edges_of(proposals, standards), witness, standards)
+    builder = Builder(edges_of(proposals, witness, standards), witness, standards)
     rng, alone = np.random.default_rng(0), all_alone(scans)
     found: dict[bytes, Configuration] = {}
     starts = [builder.build(alone, None)]

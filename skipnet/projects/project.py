@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from skipnet.checks import as_path, check_seed, require
@@ -11,17 +11,19 @@ from skipnet.networks.catalog import find_network
 from skipnet.projects.arbiter import Decision
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Workers
-from skipnet.projects.deciding import assemble, decide
+from skipnet.projects.deciding import assemble, between_given, decide
+from skipnet.projects.doubts import is_sure
 from skipnet.projects.groups import Joiner
 from skipnet.projects.priors import Priors
 from skipnet.projects.retrieval import worth_searching
-from skipnet.projects.schedule import cheap, costly
+from skipnet.projects.schedule import Outcome, cheap, costly
 from skipnet.projects.searches import Progress, Searches
 from skipnet.projects.store import SizeStore, digest
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
 from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.pipeline import clean
+from skipnet.registration.prior import Prior
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.scans.describing import describe
 from skipnet.scans.given import ScanLike, opened, taken
@@ -140,22 +142,20 @@ class Project:
         chosen = sorted(self._priors.linked) if more is not None else []
         with clock("pairs"):
             guesses = self._priors.guesses(2 * max(witness.reach_m))
-            self._searches.search_about(guesses, cheap(self._config), tell)
+            found = self._searches.search_about(guesses, cheap(self._config), tell)
+            about = {key: [outcome] for key, outcome in found.items()}
             if more is not None:
                 self._searches.search(chosen, more, 1, "pairs said to overlap", tell)
-        tell("groups", 0, 1)
-        with clock("groups"):
-            joiner, decision = self._decide(keys, witness, chosen)
+        joiner, decision = self._decide(witness, keys, chosen, about, tell, clock)
         if more is not None and len(decision.groups) > 1:
             with clock("pairs"):
                 chosen = sorted({*chosen, *worth_searching(decision, joiner, self._priors)})
                 self._searches.search(chosen, more, 1, "pairs between groups", tell)
-            tell("groups", 0, 1)
-            with clock("groups"):
-                joiner, decision = self._decide(keys, witness, chosen)
+            joiner, decision = self._decide(witness, keys, chosen, about, tell, clock)
         with clock("pose graph"):
-            used = {key: self._searches.known(key, 2) for key in keys}
+            used = self._known(keys, keys, about)
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
+        self.joiner = joiner
         return replace(result, given=tuple(self._originals), described=tuple(self._scans))
 
     def _describe(self) -> None:
@@ -178,13 +178,58 @@ class Project:
         self._given.clear()
 
     def _decide(
-        self, keys: Sequence[PairKey], witness: Witness, more: Sequence[PairKey]
+        self,
+        witness: Witness,
+        keys: Sequence[PairKey],
+        more: Sequence[PairKey],
+        about: dict[PairKey, list[Outcome]],
+        tell: Progress,
+        clock: Stopwatch,
     ) -> tuple[Joiner, Decision]:
         """Groups from the first outcome of every pair, and from the second of some.
+
+        Where the word of some pairs would settle whether groups belong together, these are asked
+        about the poses that they would have, and if some register all is decided once more.
+
+        Args:
+            witness: asks scans about poses.
+            keys: the pairs that count.
+            more: those of which the second outcome counts.
+            about: what searching pairs about poses found; what is asked here and sure is added.
+            tell: told what is being done.
+            clock: of the stages.
+        """
+        tell("groups", 0, 1)
+        with clock("groups"):
+            joiner, decision = decide(self._known(keys, more, about), self._scans, witness)
+        with clock("pairs"):
+            asked = {
+                (a, b): Prior(between_given(self._scans[a], T, self._scans[b]))
+                for (a, b), T in decision.unsure.items()
+            }
+            found = self._searches.search_about(asked, cheap(self._config), tell)
+            sure = {key: one for key, one in found.items() if is_sure(one.result)}
+        if sure:
+            for key, outcome in sure.items():
+                about.setdefault(key, []).append(outcome)
+            tell("groups", 0, 1)
+            with clock("groups"):
+                joiner, decision = decide(self._known(keys, more, about), self._scans, witness)
+        return joiner, decision
+
+    def _known(
+        self,
+        keys: Sequence[PairKey],
+        more: Sequence[PairKey],
+        about: Mapping[PairKey, list[Outcome]],
+    ) -> dict[PairKey, list[Outcome]]:
+        """The first outcome of every pair, the second of some, and those about poses.
 
         What earlier calls searched more stays out: the same scans give the same result, whether
         they came at once or one by one.
         """
-        some = {key: self._searches.known(key, 2 if key in set(more) else 1) for key in keys}
-        self.joiner, decision = decide(some, self._scans, witness)
-        return self.joiner, decision
+        twice, known = set(more), {}
+        for key in sorted({*keys, *about}):
+            first = self._searches.known(key, 2 if key in twice else 1)
+            known[key] = first + about.get(key, [])
+        return known

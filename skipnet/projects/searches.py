@@ -50,7 +50,7 @@ class Searches:
         self._kept_promises = PromiseStore(folder and folder / "promises")
         self._promises: dict[PairKey, float] = {}
         self._outcomes: dict[PairKey, list[Outcome]] = {}
-        self._believed: dict[PairKey, Outcome] = {}
+        self._believed: dict[str, Outcome] = {}
 
     def worthwhile(
         self, priors: Priors, config: RegistrationConfig, tell: Progress
@@ -86,17 +86,20 @@ class Searches:
 
     def search_about(
         self, guesses: Mapping[PairKey, Prior], config: RegistrationConfig, tell: Progress
-    ) -> None:
-        """Search pairs about the poses that are believed of them."""
+    ) -> dict[PairKey, Outcome]:
+        """What searching pairs about the poses that are believed of them finds."""
+        found = {}
         for done, (key, prior) in enumerate(guesses.items()):
             tell("poses that are believed", done, len(guesses))
-            if key not in self._believed:
-                self._believed[key] = self._found(key, config, prior)
+            name = self._pair_name(key, config, prior)
+            if name not in self._believed:
+                self._believed[name] = self._found(key, config, prior)
+            found[key] = self._believed[name]
+        return found
 
     def known(self, key: PairKey, count: int) -> list[Outcome]:
-        """Of a pair the first outcomes, and that of the search about a believed pose."""
-        about = [self._believed[key]] if key in self._believed else []
-        return self._outcomes[key][:count] + about
+        """The first outcomes of a pair."""
+        return self._outcomes.get(key, [])[:count]
 
     def _promised(self, key: PairKey, config: RegistrationConfig) -> float:
         """What a glance at a pair said before, or says now."""

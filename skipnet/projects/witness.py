@@ -29,6 +29,11 @@ GLANCE_SAMPLES = 1000
 """Voxels of each scan that are looked at first: ..."""
 GROSS = 2.0
 """... what contradicts by so many times more than is hopeless is seen in these."""
+ALL_ROUND = 0.35
+"""A scan that has seen so many of all directions leaves little room for a wrong pose; a camera sees
+an eighth of them, a few rings a quarter, a scanner on open ground two fifths, indoors most."""
+STATION_VOXELS = 1.0
+"""Sensors that are closer together stood in one place."""
 _DIGITS = 6
 """Of a pose, by which one is known that has been asked about."""
 _SAME_SHIFT_VOXELS = 0.3
@@ -84,6 +89,22 @@ class Witness:
             float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
             for one, centre_m in zip(evidence, self.centres_m, strict=True)
         ]
+
+    def sees_all_round(self, scan: int) -> bool:
+        """Whether the scan's free space would contradict most wrong poses."""
+        image = self._evidence[scan].range_image
+        return image is not None and float(np.mean(image.nearest_m > 0)) >= ALL_ROUND
+
+    def same_station(self, target: int, source: int, T_target_source: FloatArray) -> BoolArray:
+        """(C,) whether both sensors stand in one place under (C, 4, 4) poses: one scan, given or
+        taken twice; those of two alike rooms are hardly taken from the same place in each."""
+        images = [self._evidence[scan].range_image for scan in (target, source)]
+        if images[0] is None or images[1] is None:
+            return np.zeros(len(T_target_source), dtype=bool)
+        place_m = T_target_source[:, :3, :3] @ images[1].viewpoint_m + T_target_source[:, :3, 3]
+        apart_m = np.linalg.norm(place_m - images[0].viewpoint_m, axis=1)
+        same: BoolArray = apart_m < STATION_VOXELS * self.voxel_size_m
+        return same
 
     def pair(self, target: int, source: int, T_target_source: FloatArray) -> FloatArray:
         """(2, C) overlap and violation of (C, 4, 4) poses."""

@@ -68,17 +68,19 @@ def _true_configuration(
 
     As in the search, two scans that see the same say nothing: they may be of two rooms as well.
     """
-    overlaps, against = {}, {}
+    overlaps, against, shares = {}, {}, {}
     for a, b in combinations(range(len(building)), 2):
         if building[a] == building[b]:
             T = invert(T_world_scan[a]) @ T_world_scan[b]
             overlap, violation = joiner.witness.pair(a, b, T[None])[:, 0]
+            if overlap <= MOST_OVERLAP or joiner.witness.same_station(a, b, T[None])[0]:
+                shares[a, b] = float(overlap)
             if overlap >= MIN_OVERLAP:
                 overlaps[a, b] = float(overlap)
                 against[a, b] = float(violation) / STRICT.limit
     parts = components(range(len(building)), overlaps)
     poses = tuple({scan: T_world_scan[scan] for scan in part} for part in parts)
-    shares = {key: share for key, share in overlaps.items() if share <= MOST_OVERLAP}
+    shares = {key: share for key, share in shares.items() if key in overlaps}
     return overlaps, Configuration(poses, shares, against)
 
 
