@@ -38,10 +38,9 @@ RELIABLE = 0.9
 """Share of the registered pairs that must hold for pairs to be believed by themselves: it is 1.00
 in a facade, a kitchen and a turntable, and .08 to .75 in most simulated floors of alike rooms. And
 they must make a loop for every two scans: a floor of which few pairs hold is no facade."""
-TOLD = 0.5
-"""Places can be told apart by free space where so many of the scans see all round, and it
-contradicts so many of the proposals: nine tenths in rooms, little in a bare corridor. Where it
-cannot, narrow views and small things fit on much, and the pairs' own word is all there is, ..."""
+MOSTLY_ALL_ROUND = 0.5
+"""If so many scans see all round, free space tells places apart. Narrow views and small things fit
+on much that they are not part of: there the pairs' own word is all there is, ..."""
 LEAST_RELIABLE = 0.75
 """... if so many of them hold."""
 SAME_PLACE_LIMIT = 0.003
@@ -103,7 +102,7 @@ class Arbiter:
 
     def _decided(self, scans: list[int]) -> tuple[list[Group], Standards, bool]:
         """The groups, by which standards, and whether what pairs say by themselves holds."""
-        if not self._is_told(scans):
+        if not self._sees_all_round(scans):
             self._joiner.witness.hopeless = HOPELESS * LENIENT.limit
             groups = self._repaired(self._grown(scans, LENIENT), LENIENT)
             holds = self.reliability(groups, LENIENT) >= LEAST_RELIABLE
@@ -123,12 +122,10 @@ class Arbiter:
                 break
         return groups, standards, holds
 
-    def _is_told(self, scans: list[int]) -> bool:
+    def _sees_all_round(self, scans: list[int]) -> bool:
         """Whether free space tells where scans cannot be."""
         sees = [self._joiner.witness.sees_all_round(scan) for scan in scans]
-        violation = [pair.violation for pair in self._joiner.proposals.values()]
-        contradicts = np.concatenate(violation) > STRICT.limit if violation else np.ones(1)
-        return bool(np.mean(sees) >= TOLD and np.mean(contradicts) >= TOLD)
+        return bool(np.mean(sees) >= MOSTLY_ALL_ROUND)
 
     def _first(self, scans: list[int], standards: Standards) -> list[Group]:
         """Groups at a glance; where pairs would be believed, from what they are sure of alone."""

@@ -167,7 +167,10 @@ class Doubts:
         return len(rivals([here, *others], self.standards)) > 1
 
     def _is_contested(self, scan: int, group_of: Mapping[int, Group]) -> bool:
-        """Whether a pair that is sure by itself is refuted, and few such pairs hold the scan."""
+        """Whether a pair that is sure by itself is refuted, and few such pairs hold the scan, whose
+        own free space would not tell."""
+        if self._joiner.witness.sees_all_round(scan):
+            return False
         words = [
             self._joiner.holds(key, group_of, self.standards)
             for key, pair in self._joiner.proposals.items()

@@ -42,6 +42,13 @@ class Plan:
         ]
         self.centres_m = [np.zeros(3)] * count
         self._alike = {frozenset(pair) for pair in alike}
+        self.narrow = set()
+
+    def sees_all_round(self, scan):
+        return scan not in self.narrow
+
+    def same_station(self, target, source, T):
+        return np.zeros(len(T), dtype=bool)
 
     def pair(self, target, source, T):
         """Overlap 0.3 of neighbours in their places, 0.2 of the next, 0.8 on each other."""
@@ -293,7 +300,7 @@ def test_less_is_enough_for_a_scan_of_few_witnesses_where_chance_gives_little():
 def test_a_builder_that_knows_what_was_objected_to_builds_what_a_fresh_one_does():
     plan = Plan(10, alike=[(2, 8)])
     proposals = {**plan.proposals(near(10, 3)), (2, 9): plan.proposal((2, 9), [plan.true(8, 9)])}
-    edges = edges_of(proposals, STRICT)
+    edges = edges_of(proposals, plan, STRICT)
     used, alone = Builder(edges, plan, STRICT), all_alone(range(10))
     for seed in range(12):
         again = used.build(alone, np.random.default_rng(seed))
@@ -301,6 +308,40 @@ def test_a_builder_that_knows_what_was_objected_to_builds_what_a_fresh_one_does(
         assert again.shares == fresh.shares
         assert [sorted(one) for one in again.poses] == [sorted(one) for one in fresh.poses]
     assert used._objections, "something was refused"
+
+
+def test_narrow_views_are_joined_by_pairs_that_are_sure():
+    plan = Plan(6)
+    poses = {scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(6)}
+    proposals = plan.proposals(near(6), confidence=0.95)
+    for key in ((2, 3), (2, 4), (1, 3)):  # what joins the halves
+        proposals[key] = replace(proposals[key], confidence=0.6)
+
+    def parts():
+        doubts = Doubts(Joiner(proposals, plan), STRICT, holds=True)
+        return [group.scans for group in doubts.sure_parts([Group(poses)])], doubts.unsure
+
+    assert parts() == ([[0, 1, 2, 3, 4, 5]], {})
+    plan.narrow = set(range(6))
+    found, unsure = parts()
+    assert found == [[0, 1, 2], [3, 4, 5]]
+    assert set(unsure) <= {(2, 3), (2, 4), (1, 3)} and (2, 3) in unsure
+    np.testing.assert_allclose(unsure[2, 3], plan.true(2, 3), atol=1e-9)
+    plan.narrow = {0, 1, 2, 4, 5}  # scan 3 would see it if it stood elsewhere
+    assert parts() == ([[0, 1, 2, 3, 4, 5]], {})
+
+
+def test_narrow_views_that_a_sure_pair_puts_elsewhere_are_in_doubt():
+    plan = Plan(8)
+    plan.narrow = set(range(8))
+    proposals = plan.proposals(near(8))
+    assert Arbiter(Joiner(proposals, plan), as_it_is).decide(range(8)).groups[0].scans == [
+        *range(8)
+    ]
+    proposals[0, 7] = plan.proposal((0, 7), [plan.true(0, 1)], 1.0)
+    found = Arbiter(Joiner(proposals, plan), as_it_is).decide(range(8))
+    # Two pairs hold each of both ends, and three or four the scans between.
+    assert [group.scans for group in found.groups] == [[1, 2, 3, 4, 5, 6], [0], [7]]
 
 
 def test_twins_that_fit_in_each_others_places_are_both_left_out():
