@@ -35,6 +35,8 @@ def common_parts(
     counting = [best]
     parts = [group.scans for group in best.groups]
     for other in others:
+        if all(len(part) == 1 for part in parts):  # as in a bare corridor: all is in doubt
+            break
         if all(_counts(other, one, joiner) for one in counting):
             counting.append(other)
             number = numbered(_alike(best, other, joiner))
