@@ -40,6 +40,11 @@ def floor():
     return simulate_floor("floor", FLOOR_SEED, 6).scans
 
 
+@pytest.fixture(scope="module")
+def floor_result(floor):
+    return skipnet.register_many([scan.points_m for scan in floor])
+
+
 def assert_right(scans, group, T_group_scan, most_deg, most_m):
     first = group[0]
     for scan in group:
@@ -60,8 +65,10 @@ def test_every_scan_of_a_room_finds_its_place_and_every_pair_is_told(scans, resu
     assert result.position_std_m[0] == 0 and 0 < max(result.position_std_m) < 0.01
 
 
-def test_on_a_floor_of_alike_rooms_what_comes_together_is_right_and_the_rest_in_doubt(floor):
-    result = skipnet.register_many([scan.points_m for scan in floor])
+def test_on_a_floor_of_alike_rooms_what_comes_together_is_right_and_the_rest_in_doubt(
+    floor, floor_result
+):
+    result = floor_result
     assert len(result.groups[0]) >= 2
     for group in result.groups:
         assert_right(floor, group, result.T_group_scan, 0.1, 0.02)
@@ -69,6 +76,14 @@ def test_on_a_floor_of_alike_rooms_what_comes_together_is_right_and_the_rest_in_
     assert Word.REFUTED in result.words.values() or Word.OPEN in result.words.values()
     for scan, status in enumerate(result.status):
         assert (status == "ambiguous") == ([scan] in result.groups)
+
+
+def test_a_scan_that_is_there_twice_stands_in_one_place_and_holds_nobody_up(floor, floor_result):
+    placed = floor_result.groups[0]
+    again = skipnet.register_many([scan.points_m for scan in [*floor, floor[placed[1]]]])
+    group = next(group for group in again.groups if len(floor) in group)
+    assert set(placed) < set(group)
+    assert_right([*floor, floor[placed[1]]], group, again.T_group_scan, 0.1, 0.02)
 
 
 def test_the_order_of_the_scans_and_their_frames_do_not_matter(scans, result):
