@@ -24,11 +24,10 @@ FIRM_WITNESSES = 3
 FIRM_OVERLAP = 0.3
 """... or by so much in all, if the group has three scans or more, and with a single one only where
 their pair registered: if the scan that belongs there is missing another may stand in its place."""
-LEAST_FIRM_OVERLAP = 0.2
-"""Less than that is enough, down to this, where scans that so many witnesses hold would fit ..."""
 BEYOND_MISFIT = 1.25
-"""... nowhere else with a share greater than what is asked by this factor. Chosen, as the numbers
-before, on random parts of development floors."""
+"""Less than that is enough, down to what the standards say, where scans that so many witnesses hold
+would fit nowhere else with a share greater than what is asked by this factor. Chosen, as the
+numbers before, on random parts of development floors."""
 ENOUGH_FIRM = 5
 """So many scans with enough witnesses must have been asked."""
 SURE_PAIR = 0.9
@@ -107,7 +106,7 @@ class Doubts:
         if len(firm) < ENOUGH_FIRM:
             return FIRM_OVERLAP
         beyond_chance = BEYOND_MISFIT * best_misfit(self._joiner, large, firm, self.standards)
-        return min(max(LEAST_FIRM_OVERLAP, beyond_chance), FIRM_OVERLAP)
+        return min(max(self.standards.least_overlap, beyond_chance), FIRM_OVERLAP)
 
     def _agreeing(self, group: Group) -> dict[int, list[float]]:
         """Of each scan the shares that agree with others of its group, where worth mentioning."""

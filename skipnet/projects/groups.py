@@ -78,7 +78,7 @@ class Joiner:
     def __init__(self, proposals: Mapping[PairKey, Proposals], witness: Witness) -> None:
         self.proposals = proposals
         self.witness = witness
-        self._known: dict[tuple[bytes, bytes], list[Way]] = {}
+        self._known: dict[tuple[bytes, bytes, float], list[Way]] = {}
 
     def grow(self, groups: Iterable[Group], standards: Standards) -> list[Group]:
         """Join groups, the best founded join first, until no join is left that nobody objects to.
@@ -125,7 +125,7 @@ class Joiner:
 
     def ways(self, first: Group, second: Group) -> list[Way]:
         """Distinct ways to join two groups, with what all pairs of scans say of each."""
-        key = _signature(first), _signature(second)
+        key = _signature(first), _signature(second), self.witness.hopeless
         if key not in self._known:
             self._known[key] = self._find_ways(first, second)
         return self._known[key]
@@ -153,13 +153,7 @@ class Joiner:
     def holds(
         self, key: PairKey, group_of: Mapping[int, Group], standards: Standards
     ) -> bool | None:
-        """Whether the answer of a pair holds; None if its scans are of two groups that it may join.
-
-        Args:
-            key: of a pair that registered.
-            group_of: of each scan its group.
-            standards: by which the groups grew.
-        """
+        """Whether a registered pair's answer holds; None if it may join its scans' groups."""
         first, second = group_of[key[0]], group_of[key[1]]
         if first is second:
             return bool(self.proposed(first, key)[0])

@@ -33,6 +33,7 @@ class Plan:
     """Scans on a line; those next to each other overlap, whatever else they see contradicts."""
 
     voxel_size_m = 0.1
+    hopeless = np.inf
 
     def __init__(self, count, alike=(), step_m=3.0, seed=0):
         rng = np.random.default_rng(seed)
