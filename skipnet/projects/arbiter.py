@@ -12,7 +12,7 @@ from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts, in_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.doubts import FIRM_OVERLAP, Doubts
+from skipnet.projects.doubts import FIRM_OVERLAP, SURE_PAIR, Doubts
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.orders import configurations, first_configuration
 from skipnet.projects.repairs import repaired
@@ -121,7 +121,7 @@ class Arbiter:
     def _decided(self, scans: list[int]) -> tuple[list[Group], Standards, bool]:
         """The groups, by which standards, and whether what pairs say by themselves holds."""
         if not self._sees_all_round(scans):
-            groups = self._groups(scans, LENIENT)
+            groups = self._of_narrow_views(scans)
             holds = self.reliability(groups, LENIENT) >= LEAST_RELIABLE
             return groups if holds else [Group.single(s) for s in scans], LENIENT, holds
         trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
@@ -139,6 +139,12 @@ class Arbiter:
         """Whether free space tells where scans cannot be."""
         sees = [self._joiner.witness.sees_all_round(scan) for scan in scans]
         return bool(np.mean(sees) >= MOSTLY_ALL_ROUND)
+
+    def _of_narrow_views(self, scans: list[int]) -> list[Group]:
+        """The groups that sure pairs make, and what the others add."""
+        self._joiner.witness.hopeless = HOPELESS * LENIENT.limit
+        sure = self._grown(scans, replace(LENIENT, least_trust=SURE_PAIR))
+        return self._joiner.grow(sure, LENIENT)
 
     def _groups(self, scans: list[int], standards: Standards) -> list[Group]:
         """The groups that come of the scans."""

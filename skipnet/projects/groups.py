@@ -116,6 +116,8 @@ class Joiner:
         if len(fitting) != 1:
             return None
         way = fitting[0]
+        if standards.least_trust > 0:
+            return way if way.trust >= standards.least_trust else None
         founded = len(way.voters) > 1 or way.trust > 0
         if min(len(first.poses), len(second.poses)) == 1 and not standards.believes_one:
             founded |= way.witnesses >= MIN_WITNESSES and way.support >= MIN_UNTRUSTED_SUPPORT

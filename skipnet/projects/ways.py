@@ -34,6 +34,8 @@ class Standards:
     believes_one: bool = False
     """Whether one pair is enough to join groups of several scans, if it registered by itself. Else
     several must agree, but a scan may join by a pair that did not register."""
+    least_trust: float = 0.0
+    """If above 0: two groups are only joined by a pair that is so sure by itself."""
     most_overlap: float = 1.0
     """Two scans of which more agrees are not laid on each other in the search for configurations:
     they may be of two rooms furnished alike as well as of one."""
