@@ -109,21 +109,22 @@ class Arbiter:
     def _decision(self, groups: list[Group], standards: Standards, holds: bool) -> Decision:
         """What is left of groups when they are looked over."""
         doubts = Doubts(self._joiner, standards, holds)
+        reliability = self.reliability(groups, standards)
+        if standards.believes_one and not holds:
+            return self._with_places(_apart(groups), doubts, reliability)
         sure = doubts.sure_parts(groups)
         for _ in range(MAX_ROUNDS if standards.believes_one else 0):
             grown = self._joiner.grow(self._counted(sure), standards)
             if [group.scans for group in grown] == [group.scans for group in sure]:
                 break
             sure = doubts.sure_parts(grown)
-        reliability = self.reliability(groups, standards)
         return self._with_places(sure, doubts, reliability)
 
     def _decided(self, scans: list[int]) -> tuple[list[Group], Standards, bool]:
         """The groups, by which standards, and whether what pairs say by themselves holds."""
         if not self._sees_all_round(scans):
             groups = self._of_narrow_views(scans)
-            holds = self.reliability(groups, LENIENT) >= LEAST_RELIABLE
-            return groups if holds else [Group.single(s) for s in scans], LENIENT, holds
+            return groups, LENIENT, self.reliability(groups, LENIENT) >= LEAST_RELIABLE
         trusting = [LENIENT, BUSY] if self._loops(scans) >= len(scans) / 2 else []
         strict = self._strict()
         wary = replace(strict, most_overlap=MOST_OVERLAP)
@@ -235,3 +236,8 @@ class Arbiter:
                 fits[scan] = [way.T for way in best[2]]
                 host[scan] = best[1].scans[0]
         return Decision(groups, fits, host, reliability, doubts.unsure)
+
+
+def _apart(groups: list[Group]) -> list[Group]:
+    """Every scan alone."""
+    return [Group.single(scan) for scan in sorted(s for group in groups for s in group.poses)]

@@ -345,6 +345,20 @@ def test_narrow_views_that_a_sure_pair_puts_elsewhere_are_in_doubt():
     assert [group.scans for group in found.groups] == [[1, 2, 3, 4, 5, 6], [0], [7]]
 
 
+def test_narrow_views_are_all_in_doubt_where_their_pairs_do_not_hold():
+    plan = Plan(6)
+    plan.narrow = set(range(6))
+    proposals = plan.proposals(near(6))
+    for key in ((0, 2), (1, 3), (2, 4)):  # of nine pairs a third are wrong
+        astray = plan.true(*key) @ make_transform(np.eye(3), np.ones(3))
+        proposals[key] = plan.proposal(key, [astray], 0.95)
+    found = Arbiter(Joiner(proposals, plan), as_it_is).decide(range(6))
+    assert found.reliability == pytest.approx(6 / 9)
+    assert [group.scans for group in found.groups] == [[scan] for scan in range(6)]
+    plan.narrow = set()
+    assert len(Arbiter(Joiner(proposals, plan), as_it_is).decide(range(6)).groups) < 6
+
+
 def test_twins_that_fit_in_each_others_places_are_both_left_out():
     plan = Plan(12, alike=[(2, 8)])
     poses = {scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(12)}
