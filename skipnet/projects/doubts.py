@@ -30,9 +30,9 @@ would fit nowhere else with a share greater than what is asked by this factor. C
 numbers before, on random parts of development floors."""
 ENOUGH_FIRM = 5
 """So many scans with enough witnesses must have been asked."""
-SURE_PAIR = 0.9
-"""Confidence of a pair of narrow views that joins them, if nobody else would object: of many pairs
-that might, those come to be asked that agree by chance."""
+SURE_PAIR = 0.98
+"""Confidence of a pair of narrow views that joins them. Of camera views of simulated kitchens, most
+of which share nothing, wrong pairs that registered had up to 0.977, half of the right ones more."""
 ASKED_PER_JOIN = 2
 """Pairs that are asked whether two parts belong together as they lie."""
 REMAINING_RIVAL = 0.5

@@ -314,7 +314,7 @@ def test_a_builder_that_knows_what_was_objected_to_builds_what_a_fresh_one_does(
 def test_narrow_views_are_joined_by_pairs_that_are_sure():
     plan = Plan(6)
     poses = {scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(6)}
-    proposals = plan.proposals(near(6), confidence=0.95)
+    proposals = plan.proposals(near(6), confidence=0.99)
     for key in ((2, 3), (2, 4), (1, 3)):  # what joins the halves
         proposals[key] = replace(proposals[key], confidence=0.6)
 
@@ -351,7 +351,7 @@ def test_narrow_views_are_all_in_doubt_where_their_pairs_do_not_hold():
     proposals = plan.proposals(near(6))
     for key in ((0, 2), (1, 3), (2, 4)):  # of nine pairs a third are wrong
         astray = plan.true(*key) @ make_transform(np.eye(3), np.ones(3))
-        proposals[key] = plan.proposal(key, [astray], 0.95)
+        proposals[key] = plan.proposal(key, [astray], 0.99)
     found = Arbiter(Joiner(proposals, plan), as_it_is).decide(range(6))
     assert found.reliability == pytest.approx(6 / 9)
     assert [group.scans for group in found.groups] == [[scan] for scan in range(6)]
