@@ -12,7 +12,7 @@ from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts, in_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.doubts import FIRM_OVERLAP, SURE_PAIR, Doubts
+from skipnet.projects.doubts import SURE_PAIR, Doubts
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.orders import configurations, first_configuration
 from skipnet.projects.repairs import repaired
@@ -101,7 +101,7 @@ class Arbiter:
         groups, standards, holds = self._decided(scans)
         decision = self._decision(groups, standards, holds)
         if not standards.believes_one and decision.placed < FEW_PLACED * len(scans):
-            looser = replace(standards, limit=MORE * standards.limit, least_overlap=FIRM_OVERLAP)
+            looser = replace(standards, limit=MORE * standards.limit)
             busier = self._decision(self._groups(scans, looser), looser, holds=False)
             decision = max(decision, busier, key=lambda one: one.placed)
         return decision

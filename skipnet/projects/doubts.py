@@ -11,7 +11,6 @@ from skipnet.geometry import invert
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
 from skipnet.projects.groups import Group, Joiner
-from skipnet.projects.misfits import best_misfit
 from skipnet.projects.motions import rival_split
 from skipnet.projects.places import places
 from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
@@ -24,15 +23,10 @@ FIRM_WITNESSES = 3
 FIRM_OVERLAP = 0.3
 """... or by so much in all, if the group has three scans or more, and with a single one only where
 their pair registered: if the scan that belongs there is missing another may stand in its place."""
-BEYOND_MISFIT = 1.25
-"""Less than that is enough, down to what the standards say, where scans that so many witnesses hold
-would fit nowhere else with a share greater than what is asked by this factor. Chosen, as the
-numbers before, on random parts of development floors."""
-ENOUGH_FIRM = 5
-"""So many scans with enough witnesses must have been asked."""
 SURE_PAIR = 0.98
 """Confidence of a pair of narrow views that joins them. Of camera views of simulated kitchens, most
-of which share nothing, wrong pairs that registered had up to 0.977, half of the right ones more."""
+of which share nothing, wrong pairs that registered had up to 0.977, seven in ten of the right ones
+more."""
 ASKED_PER_JOIN = 2
 """Pairs that are asked whether two parts belong together as they lie."""
 REMAINING_RIVAL = 0.5
@@ -82,8 +76,7 @@ class Doubts:
                 else:
                     left += [Group({scan: rest.poses[scan] for scan in side}) for side in split]
         if not self.standards.believes_one:
-            least_overlap = self._least_overlap(kept)
-            kept = [part for group in kept for part in self._firm(group, least_overlap)]
+            kept = [part for group in kept for part in self._firm(group)]
         kept = [group if len(group.poses) > 1 else Group.single(group.scans[0]) for group in kept]
         return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
 
@@ -94,46 +87,32 @@ class Doubts:
             return None
         return rival_split(group, self._joiner, self.standards)
 
-    def _least_overlap(self, groups: list[Group]) -> float:
-        """How much must agree with a scan of few witnesses: more than chance makes of this set."""
-        large = [group for group in groups if len(group.poses) >= 3]
-        firm = {
-            scan
-            for group in large
-            for scan, agree in self._agreeing(group).items()
-            if len(agree) >= FIRM_WITNESSES
-        }
-        if len(firm) < ENOUGH_FIRM:
-            return FIRM_OVERLAP
-        beyond_chance = BEYOND_MISFIT * best_misfit(self._joiner, large, firm, self.standards)
-        return min(max(self.standards.least_overlap, beyond_chance), FIRM_OVERLAP)
-
     def _agreeing(self, group: Group) -> dict[int, list[float]]:
         """Of each scan the shares that agree with others of its group, where worth mentioning."""
         overlaps = {k: v for k, v in self._joiner.overlaps(group).items() if v >= MIN_OVERLAP}
         return {scan: [v for key, v in overlaps.items() if scan in key] for scan in group.scans}
 
-    def _firm(self, group: Group, least_overlap: float) -> list[Group]:
+    def _firm(self, group: Group) -> list[Group]:
         """A group without the scans of which too few others say too little."""
         if len(group.poses) < 2:
             return [group]
         loose = [
             scan
             for scan, agree in self._agreeing(group).items()
-            if not self._is_firm(group, scan, agree, least_overlap)
+            if not self._is_firm(group, scan, agree)
         ]
         if not loose:
             return [group]
         rest = Group({s: T for s, T in group.poses.items() if s not in loose})
         alone = [Group.single(scan) for scan in loose]
-        return alone + (self._firm(rest, least_overlap) if rest.poses else [])
+        return alone + (self._firm(rest) if rest.poses else [])
 
-    def _is_firm(self, group: Group, scan: int, agree: list[float], least_overlap: float) -> bool:
+    def _is_firm(self, group: Group, scan: int, agree: list[float]) -> bool:
         """Whether others of a group say enough of a scan, by what agrees with each of them."""
         if len(agree) >= FIRM_WITNESSES:
             return True
         is_registered = self._is_registered(group, scan)
-        says_enough = len(group.poses) >= 3 and sum(agree) >= least_overlap
+        says_enough = len(group.poses) >= 3 and sum(agree) >= FIRM_OVERLAP
         return (says_enough and (len(agree) > 1 or is_registered)) or (
             self._holds and is_registered
         )

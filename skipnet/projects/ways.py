@@ -39,8 +39,6 @@ class Standards:
     most_overlap: float = 1.0
     """Two scans of which more agrees are not laid on each other in the search for configurations:
     they may be of two rooms furnished alike as well as of one."""
-    least_overlap: float = 0.2
-    """A scan that few others speak for needs this much in all, or more where chance gives more."""
 
 
 @dataclass(frozen=True)

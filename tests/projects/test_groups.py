@@ -20,7 +20,6 @@ from skipnet.projects.components import components
 from skipnet.projects.configurations import Builder, all_alone, edges_of
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.groups import Group, Joiner, Proposals
-from skipnet.projects.misfits import best_misfit
 from skipnet.projects.motions import rival_split
 from skipnet.projects.sameness import leaders, same_place
 from skipnet.projects.tightening import tightened
@@ -273,29 +272,6 @@ def test_the_same_place_is_what_follows_a_leader():
     np.testing.assert_array_equal(same_place(plan, 0, T[0], T), expected)
     np.testing.assert_array_equal(same_place(plan, [0] * 200, T, T[0]), expected)
     assert 20 < sum(expected) < 180
-
-
-def test_what_chance_gives_is_told_by_scans_in_the_place_of_one_that_looks_the_same():
-    plan = Plan(12, alike=[(2, 8)])
-    group = Group({scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in range(12)})
-    proposals = plan.proposals(near(12))
-    standards = replace(STRICT, most_overlap=0.75)
-    assert best_misfit(Joiner(proposals, plan), [group], {2}, standards) == 0
-    proposals[2, 9] = plan.proposal((2, 9), [plan.true(8, 9)])
-    # Where 8 stands, which alone objects, 2 agrees with 6, 7, 9 and 10.
-    found = best_misfit(Joiner(proposals, plan), [group], {2}, standards)
-    assert found == pytest.approx(0.3 + 0.3 + 0.2 + 0.2)
-    assert best_misfit(Joiner(proposals, plan), [group], {3}, standards) == 0, "not asked"
-
-
-def test_less_is_enough_for_a_scan_of_few_witnesses_where_chance_gives_little():
-    plan = Plan(12)
-    poses = {scan: invert(plan.poses[0]) @ plan.poses[scan] for scan in [*range(7), 8]}
-    doubts = Doubts(Joiner(plan.proposals(near(12, 3)), plan), STRICT, holds=False)
-    # The last agrees with one other by 0.2, and their pair registered.
-    assert doubts.sure_parts([Group(poses)])[0].scans == [*range(7), 8]
-    poses = {scan: poses[scan] for scan in (2, 3, 4, 5, 6, 8)}
-    assert doubts.sure_parts([Group(poses)])[0].scans == [2, 3, 4, 5, 6], "too few to ask"
 
 
 def test_a_builder_that_knows_what_was_objected_to_builds_what_a_fresh_one_does():
