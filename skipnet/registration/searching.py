@@ -43,7 +43,8 @@ cameras fuse (0.67 to 0.79) has second layers, and so has what drifts by more th
 other specimens have 0.95 and more."""
 FEW_CONTRADICT = 0.001
 """Where less contradicts a pose, by its worth, hardly any small thing can be gone: of 42 simulated
-rooms that are alike but for these 0.0026 and more does, of 100 others 0.0013."""
+rooms that are alike but for these 0.0026 and more does, of 100 others 0.0013 (three of these were
+looked at when the study had registered them, see docs/judge.md)."""
 
 LAST_RESORTS = (Generator.deep, Generator.fpfh)
 """Asked only while nothing is registered."""

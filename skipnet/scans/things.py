@@ -9,7 +9,7 @@ import numpy as np
 from skipnet.compiled import compiled
 from skipnet.features.primitives import Planes
 from skipnet.skipmap.cell_table import CellTable
-from skipnet.skipmap.connected import HALF_AROUND, connected
+from skipnet.skipmap.connected import HALF_AROUND, WITHIN_TWO, connected
 from skipnet.skipmap.tree import SkipTree
 from skipnet.types import BoolArray, IntArray
 
@@ -27,8 +27,6 @@ MOST_THINGS = 60
 MIN_FOOTING = 4
 """A thing stands on something if so many voxels of large planes lie within two steps of it: what
 hangs in the air is the front of something."""
-_REACH = range(-2, 3)
-_NEAR = np.array([(x, y, z) for x in _REACH for y in _REACH for z in _REACH])
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ def find_things(tree: SkipTree, table: CellTable, out: BoolArray) -> Things:
     is_small[np.argsort(-sizes, kind="stable")[:MOST_THINGS]] = True
     is_small &= sizes > 0
     rows, number = rows[is_small[number]], number[is_small[number]]
-    footing = _footing(table.find_around(cells[rows], _NEAR), number, out, len(starts))
+    footing = _footing(table.find_around(cells[rows], WITHIN_TWO), number, out, len(starts))
     stands = footing[number] >= MIN_FOOTING
     return Things(out, rows[stands], np.unique(number[stands], return_inverse=True)[1])
 

@@ -12,6 +12,9 @@ AROUND = np.array([(x, y, z) for x in _SIDE for y in _SIDE for z in _SIDE if x o
 """(26, 3) steps from a cell to those around it ..."""
 HALF_AROUND = AROUND[len(AROUND) // 2 :]
 """... and to those of them of which each pair of neighbours has one."""
+_TWO = range(-2, 3)
+WITHIN_TWO = np.array([(x, y, z) for x in _TWO for y in _TWO for z in _TWO])
+"""(125, 3) steps from a cell to itself and all within two of it."""
 
 
 def connected(around: IntArray, rows: IntArray, voxels: int) -> IntArray:

@@ -16,7 +16,7 @@ from skipnet.compiled import compiled
 from skipnet.geometry import invert, transform_points
 from skipnet.scans.scan import Scan
 from skipnet.skipmap.cells import cells_of
-from skipnet.skipmap.connected import AROUND, connected
+from skipnet.skipmap.connected import AROUND, WITHIN_TWO, connected
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -35,8 +35,6 @@ _SPAN = range(-REACH_VOXELS, REACH_VOXELS + 1)
 _BALL = np.array(
     [(x, y, z) for x in _SPAN for y in _SPAN for z in _SPAN if x * x + y * y + z * z <= 16]
 )
-_TWO = range(-2, 3)
-_CUBE = np.array([(x, y, z) for x in _TWO for y in _TWO for z in _TWO])
 
 
 def find_forks(T_target_source: FloatArray, source: Scan, target: Scan) -> FloatArray:
@@ -90,7 +88,7 @@ def _spread(count: int, most: int) -> IntArray:
 def _is_deep(b: SkipMap, points_m: FloatArray) -> bool:
     """Whether some of (N, 3) points have nothing of b within two cells."""
     cells = cells_of(points_m, b.voxel_size_m, b.origin_m)
-    return bool((b.table.find_around(cells, _CUBE) < 0).all(axis=1).any())
+    return bool((b.table.find_around(cells, WITHIN_TWO) < 0).all(axis=1).any())
 
 
 @compiled
