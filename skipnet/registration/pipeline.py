@@ -16,6 +16,7 @@ from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.prior import Prior, as_prior, compare, poses_about
 from skipnet.registration.result import Asked, Registration, ScanFacts
 from skipnet.registration.searching import LAST_RESORTS, search
+from skipnet.registration.second_look import is_sure, is_worth_it
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.units import likeliest_unit, reason_for, size_of
 from skipnet.scans.describing import describe
@@ -75,6 +76,11 @@ def register(
         network = find_network(config.network, config.device)
         scans = describe(both_m, (source_at, target_at), voxel_size_m, seed, network)
     result = register_scans(scans[0], scans[1], config, clock, prior)
+    if voxel_size_m is None and is_worth_it(result, *scans):
+        with clock("skip-map"):
+            finer = describe(both_m, (source_at, target_at), result.voxel_size_m / 2, seed, network)
+        again = register_scans(finer[0], finer[1], _quick(config), clock, prior)
+        result, scans = (again, finer) if is_sure(again) else (result, scans)
     if result.status is not Status.REGISTERED:
         result = _naming_units(result, points_of(both_m[0]), points_of(both_m[1]), config, seed)
     return replace(result, given=Asked(source, target, seed, (scans[0], scans[1])))
@@ -169,12 +175,16 @@ def _naming_units(
     scans = describe(
         clouds_m, ("auto", "auto"), None, seed, find_network(config.network, config.device)
     )
-    cheap = [one for one in config.generators if one not in LAST_RESORTS]
-    quick = replace(config, generators=cheap or config.generators)
-    registers = _register(scans[0], scans[1], quick)
+    registers = _register(scans[0], scans[1], _quick(config))
     if not (registers or guess.is_surely_apart):
         return result
     return replace(result, status=Status.FAILED, reason=reason_for(guess, registers))
+
+
+def _quick(config: RegistrationConfig) -> RegistrationConfig:
+    """The same without the generators that are asked last, if it has others."""
+    cheap = [one for one in config.generators if one not in LAST_RESORTS]
+    return replace(config, generators=cheap or config.generators)
 
 
 @one_blas_thread

@@ -34,6 +34,10 @@ passers-by reach 6 %, and are refused: rather that than a wrong room."""
 MAX_ODD_SHARE = 0.035
 """Right poses of simulated dense scans have at most 0.006, of real ones at most 0.024; other
 specimens and mirror images of simulated arches 0.05 to 0.14."""
+VERY_EXACT, MAX_ODD_IF_EXACT = 0.98, 0.015
+"""Where so much of what agrees does so closely (``Findings.closeness``) even less may be odd: there
+right simulated poses have at most 0.003, half-blind real ones 0.010, and other specimens whose
+blocks stand but a little otherwise 0.024 and more."""
 MIN_HELD_VOXELS = 1.0
 """Fine alignment stays where it is along a motion that is held by less (``DAMPING_VOXELS``). Of 177
 simulated answers of the fit that were held so little, one was right ..."""
@@ -107,7 +111,8 @@ def decide(findings: Findings) -> Verdict:
 def _why_another(findings: Findings) -> str | None:
     """What says that the scans show two things that are alike, not the same one; None if nothing
     does."""
-    if findings.is_blind and findings.odd_share > MAX_ODD_SHARE:
+    most_odd = MAX_ODD_IF_EXACT if findings.closeness >= VERY_EXACT else MAX_ODD_SHARE
+    if findings.is_blind and findings.odd_share > most_odd:
         return (
             f"most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
             "scans may show two things that are alike, not the same one, or parts of it have moved"

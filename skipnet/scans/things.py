@@ -11,7 +11,7 @@ from skipnet.features.primitives import Planes
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.connected import HALF_AROUND, WITHIN_TWO, connected
 from skipnet.skipmap.tree import SkipTree
-from skipnet.types import BoolArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 LARGE_PLANE = 0.02
 """A plane of this share of all voxels is part of the room ..."""
@@ -24,6 +24,9 @@ MOST_VOXELS = 10
 which may well move between two scans, are larger."""
 MOST_THINGS = 60
 """Of more the largest are looked at: so many tell."""
+MIN_DEPTH_VOXELS = 0.4
+"""Standard deviation of a thing's voxels across their own plane: what has less is a sliver of some
+larger surface, or of its rim, which is there again wherever the furniture is the same."""
 MIN_FOOTING = 4
 """A thing stands on something if so many voxels of large planes lie within two steps of it: what
 hangs in the air is the front of something."""
@@ -81,9 +84,25 @@ def find_things(tree: SkipTree, table: CellTable, out: BoolArray) -> Things:
     is_small[np.argsort(-sizes, kind="stable")[:MOST_THINGS]] = True
     is_small &= sizes > 0
     rows, number = rows[is_small[number]], number[is_small[number]]
+    number = np.unique(number, return_inverse=True)[1]
+    is_deep = _depths_m(tree.centroids_m[rows], number) >= MIN_DEPTH_VOXELS * tree.voxel_size_m
+    rows, number = rows[is_deep[number]], number[is_deep[number]]
     footing = _footing(table.find_around(cells[rows], WITHIN_TWO), number, out, len(starts))
     stands = footing[number] >= MIN_FOOTING
     return Things(out, rows[stands], np.unique(number[stands], return_inverse=True)[1])
+
+
+def _depths_m(points_m: FloatArray, number: IntArray) -> FloatArray:
+    """(G,) standard deviation of each group of (N, 3) points across its own plane, by the (N,)
+    numbers of their groups, ascending from 0."""
+    if len(number) == 0:
+        return np.zeros(0)
+    starts, sizes = np.flatnonzero(np.diff(number, prepend=-1)), np.bincount(number)
+    away_m = points_m - (np.add.reduceat(points_m, starts) / sizes[:, None])[number]
+    spread_m2 = np.add.reduceat(away_m[:, :, None] * away_m[:, None, :], starts)
+    across_m2 = np.linalg.eigvalsh(spread_m2 / sizes[:, None, None])[:, 0]
+    depths_m: FloatArray = np.sqrt(np.maximum(across_m2, 0.0))
+    return depths_m
 
 
 @compiled

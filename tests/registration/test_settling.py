@@ -94,9 +94,10 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
         ({"alternatives": np.eye(4)[None]}, "ambiguous", "2 distinct poses"),
         ({"violation": 0.05}, "failed", "saw free space"),
         ({"is_mirrored": True}, "failed", "mirror image"),
-        ({"odd_share": 0.1, "blind": 1.0}, "ambiguous", "alike, not the same"),
+        ({"odd_share": 0.1, "blind": 1.0, "closeness": 0.9}, "ambiguous", "alike, not the same"),
+        ({"odd_share": 0.02, "blind": 1.0}, "ambiguous", "alike, not the same"),
         ({"forks_m": np.ones((1, 3))}, "ambiguous", "at (1, 1, 1) in the target's frame"),
-        ({"furnishing": Furnishing(6, np.ones((7, 3)))}, "ambiguous", "7 small things stand in"),
+        ({"furnishing": Furnishing(6, np.ones((9, 3)))}, "ambiguous", "9 small things stand in"),
         ({"seen_again": 0.7, "is_sparse": True}, "ambiguous", "rides with the sensor"),
         ({"seen_again": 0.7, "riding_worth": 50.0}, "ambiguous", "rides with the sensor"),
     ],
@@ -107,8 +108,19 @@ def test_what_speaks_against_a_pose_is_said(found, status, words):
     assert verdict.confidence <= 0.5
 
 
-def test_small_things_that_were_moved_while_as_many_stayed_cost_nothing():
-    for again, gone in ((7, 7), (0, 5)):
+@pytest.mark.parametrize(
+    "found",
+    [
+        {"odd_share": 0.02, "blind": 1.0, "closeness": 0.95},
+        {"odd_share": 0.02, "blind": 0.0},
+    ],
+)
+def test_what_real_scans_of_one_thing_have_too_speaks_against_nothing(found):
+    assert decide(replace(GOOD, **found)).status is Status.REGISTERED
+
+
+def test_a_few_small_things_that_were_moved_cost_nothing():
+    for again, gone in ((7, 9), (0, 2)):
         found = replace(GOOD, furnishing=Furnishing(again, np.ones((gone, 3))))
         assert decide(found) == decide(GOOD)
 

@@ -37,6 +37,12 @@ def test_things_are_what_is_small_and_stands_on_a_large_plane():
     assert sorted(off_m.argmin(axis=1)) == [0, 1, 2] and off_m.min(axis=1).max() < 0.1
 
 
+def test_slivers_of_larger_surfaces_are_none():
+    seat = block((0.35, 0.35, 0.004), (0.5, -1.0, 0.13))  # one layer, off the floor
+    cup = block((0.25, 0.25, 0.3), (-1.0, 0.5, 0.15))
+    assert np.allclose(middles_m(scan_of(FLOOR + seat + cup)), [[-1.0, 0.5, 0.15]], atol=0.1)
+
+
 def test_an_empty_room_has_none():
     things = scan_of(FLOOR).things
     assert len(things) == 0 and not things.stands_out.any()

@@ -18,8 +18,9 @@ from skipnet.skipmap.cells import cells_of
 from skipnet.skipmap.connected import AROUND
 from skipnet.types import BoolArray, FloatArray, IntArray
 
-IS_AGAIN = 0.5
-"""A thing is there again if so much of it has something beside it that stands out likewise."""
+IS_AGAIN = 0.7
+"""A thing is there again if so much of it has something beside it that stands out likewise: of 400
+under right simulated poses 0.95 have as much, while on a crowded bench others often overlap it."""
 IS_GONE, IS_LOOKED_THROUGH = 0.3, 0.3
 """It is gone if less has, and the other sensor looked through so much of it ..."""
 BEHIND_VOXELS = 2.0
