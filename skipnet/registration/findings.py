@@ -28,11 +28,6 @@ CLEAN_MISMATCH, CLEAN_CLOSENESS = 0.06, 0.85
 closely; what is wrong does not, or contradicts what was seen: of poses with a confidence of 0.3 to
 0.55 that nothing else calls in doubt 12 of 13 right ones are clean, and none of 11 wrong ones."""
 
-MIN_MORE_GONE = 3
-"""By how many more small things must be gone than are there again, for another room: fewer may have
-been moved. Of 76 simulated rooms and benches alike but for what lies about 75 have three and more;
-of 111 right poses two do, both in rooms in which 0.6 of it was moved."""
-
 _SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
 """What the confidence is made of."""
@@ -128,11 +123,6 @@ class Findings:
     scans that are both blind, and of poses that would be registered."""
     furnishing: Furnishing = field(default_factory=Furnishing.none)
     """What the small things say of the pose; asked where both sensors' places are known."""
-
-    @property
-    def is_furnished_otherwise(self) -> bool:
-        """Most of the small things of either scan are not in the other one."""
-        return len(self.furnishing.gone_m) >= self.furnishing.again + MIN_MORE_GONE
 
     @property
     def is_blind(self) -> bool:

@@ -123,12 +123,15 @@ def _why_another(findings: Findings) -> str | None:
             "differently: they may show two things that are alike, not the same one, or something "
             "was changed there; crop it, or give the places of the sensors"
         )
-    if findings.is_furnished_otherwise:
-        gone_m = findings.furnishing.gone_m
+    things = findings.furnishing
+    if things.is_another:
+        in_bulk = things.is_another_in_bulk
+        gone = things.bulky_gone if in_bulk else len(things.gone_m)
         return (
-            f"but {len(gone_m)} small things stand in one scan alone, such as at "
-            f"{_place(gone_m)}, and only {findings.furnishing.again} in both: they may show two "
-            "rooms that are alike, or nearly all was moved; add a scan, or crop what was moved"
+            f"but {gone} small things stand in one scan alone, such as at "
+            f"{_place(things.gone_m)}, and only {things.bulky_again if in_bulk else things.again} "
+            "in both: they may show two rooms that are alike, or nearly all was moved; add a scan, "
+            "or crop what was moved"
         )
     return None
 

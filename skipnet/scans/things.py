@@ -25,8 +25,8 @@ which may well move between two scans, are larger."""
 MOST_THINGS = 60
 """Of more the largest are looked at: so many tell."""
 MIN_DEPTH_VOXELS = 0.4
-"""Standard deviation of a thing's voxels across their own plane: what has less is a sliver of some
-larger surface, or of its rim, which is there again wherever the furniture is the same."""
+"""Standard deviation of a bulky thing's voxels across their own plane: what has less may be a
+sliver of some larger surface, or of its rim, there again wherever the furniture is the same."""
 MIN_FOOTING = 4
 """A thing stands on something if so many voxels of large planes lie within two steps of it: what
 hangs in the air is the front of something."""
@@ -42,9 +42,11 @@ class Things:
     """(N,) voxels of the fine tree that are part of a thing ..."""
     numbers: IntArray
     """(N,) ... and the number of this thing, ascending."""
+    is_bulky: BoolArray
+    """(T,) which things are no flat pieces."""
 
     def __len__(self) -> int:
-        return int(self.numbers[-1]) + 1 if len(self.numbers) else 0
+        return len(self.is_bulky)
 
 
 def standing_out(tree: SkipTree, planes: Planes, voxels: int) -> BoolArray:
@@ -76,7 +78,7 @@ def find_things(tree: SkipTree, table: CellTable, out: BoolArray) -> Things:
     rows, number = rows[order], number[order]
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     if len(starts) == 0:
-        return Things(out, rows, number)
+        return Things(out, rows, number, np.zeros(0, dtype=bool))
     low, high = (part.reduceat(cells[rows], starts) for part in (np.minimum, np.maximum))
     sizes = np.bincount(number)
     sizes[((high - low).max(axis=1) >= MOST_VOXELS) | (sizes < FEWEST_VOXELS)] = 0
@@ -84,12 +86,11 @@ def find_things(tree: SkipTree, table: CellTable, out: BoolArray) -> Things:
     is_small[np.argsort(-sizes, kind="stable")[:MOST_THINGS]] = True
     is_small &= sizes > 0
     rows, number = rows[is_small[number]], number[is_small[number]]
-    number = np.unique(number, return_inverse=True)[1]
-    is_deep = _depths_m(tree.centroids_m[rows], number) >= MIN_DEPTH_VOXELS * tree.voxel_size_m
-    rows, number = rows[is_deep[number]], number[is_deep[number]]
     footing = _footing(table.find_around(cells[rows], WITHIN_TWO), number, out, len(starts))
     stands = footing[number] >= MIN_FOOTING
-    return Things(out, rows[stands], np.unique(number[stands], return_inverse=True)[1])
+    rows, number = rows[stands], np.unique(number[stands], return_inverse=True)[1]
+    depths_m = _depths_m(tree.centroids_m[rows], number)
+    return Things(out, rows, number, depths_m >= MIN_DEPTH_VOXELS * tree.voxel_size_m)
 
 
 def _depths_m(points_m: FloatArray, number: IntArray) -> FloatArray:

@@ -148,7 +148,7 @@ def cases(pairs: int, negatives: int, skip: int = 0) -> list[Case]:
         negatives: of scans that share nothing.
         skip: scenes of either range to pass over.
     """
-    seeds = VIGILANCE.take(pairs, skip)
+    seeds = VIGILANCE.take(pairs, skip if pairs else 0)
     chosen = [
         Case(group, setting, seed, seed)
         for group, setting in (*POSITIVES.items(), *OPEN.items())

@@ -97,7 +97,8 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
         ({"odd_share": 0.1, "blind": 1.0, "closeness": 0.9}, "ambiguous", "alike, not the same"),
         ({"odd_share": 0.02, "blind": 1.0}, "ambiguous", "alike, not the same"),
         ({"forks_m": np.ones((1, 3))}, "ambiguous", "at (1, 1, 1) in the target's frame"),
-        ({"furnishing": Furnishing(6, np.ones((9, 3)))}, "ambiguous", "9 small things stand in"),
+        ({"furnishing": Furnishing(6, np.ones((7, 3)))}, "ambiguous", "7 small things stand in"),
+        ({"furnishing": Furnishing(9, np.ones((5, 3)), 1, 4)}, "ambiguous", "4 small things stand"),
         ({"seen_again": 0.7, "is_sparse": True}, "ambiguous", "rides with the sensor"),
         ({"seen_again": 0.7, "riding_worth": 50.0}, "ambiguous", "rides with the sensor"),
     ],
@@ -120,8 +121,9 @@ def test_what_real_scans_of_one_thing_have_too_speaks_against_nothing(found):
 
 
 def test_a_few_small_things_that_were_moved_cost_nothing():
-    for again, gone in ((7, 9), (0, 2)):
-        found = replace(GOOD, furnishing=Furnishing(again, np.ones((gone, 3))))
+    for again, gone, in_bulk in ((7, 7, (3, 5)), (0, 5, (0, 2))):
+        things = Furnishing(again, np.ones((gone, 3)), *in_bulk)
+        found = replace(GOOD, furnishing=things)
         assert decide(found) == decide(GOOD)
 
 

@@ -37,10 +37,13 @@ def test_things_are_what_is_small_and_stands_on_a_large_plane():
     assert sorted(off_m.argmin(axis=1)) == [0, 1, 2] and off_m.min(axis=1).max() < 0.1
 
 
-def test_slivers_of_larger_surfaces_are_none():
-    seat = block((0.35, 0.35, 0.004), (0.5, -1.0, 0.13))  # one layer, off the floor
-    cup = block((0.25, 0.25, 0.3), (-1.0, 0.5, 0.15))
-    assert np.allclose(middles_m(scan_of(FLOOR + seat + cup)), [[-1.0, 0.5, 0.15]], atol=0.1)
+def test_slivers_of_larger_surfaces_are_not_bulky():
+    seat_m, cup_m = np.array([[0.5, -1.0, 0.13], [-1.0, 0.5, 0.15]])
+    seat = block((0.35, 0.35, 0.004), seat_m)  # one layer, off the floor
+    scan = scan_of(FLOOR + seat + block((0.25, 0.25, 0.3), cup_m))
+    for at_m, is_bulky in zip(middles_m(scan), scan.things.is_bulky, strict=True):
+        assert np.allclose(at_m, cup_m if is_bulky else seat_m, atol=0.1)
+    assert sorted(scan.things.is_bulky) == [False, True]
 
 
 def test_an_empty_room_has_none():
