@@ -46,11 +46,6 @@ def room(stands_m, chair_m=(0.2, -2.4)):
     return solids
 
 
-def taller(blocks):
-    """The same, the third one by 6 cm."""
-    return [(at, high + 0.06 * (k == 2)) for k, (at, high) in enumerate(blocks)]
-
-
 def two_looks(first, second, seed=0):
     rng = np.random.default_rng(seed)
     poses = [upright(0.4, (0.3, 0.2, 1.5)), upright(-1.0, (-0.4, -0.2, 1.4))]
@@ -114,19 +109,6 @@ def test_what_is_gone_does_not_hang_on_which_scan_is_the_source():
     assert there.again == back.again
     moved_m = transform_points(own(scans, T), back.gone_m)
     assert np.allclose(np.sort(moved_m, axis=0), np.sort(there.gone_m, axis=0), atol=1e-9)
-
-
-@pytest.mark.parametrize("is_same", [True, False])
-def test_a_taller_block_is_another_one_though_nothing_goes_on_flat(is_same):
-    blocks = [((0.1 * k, 0.0), 0.06 + 0.03 * ((3 * k) % 4)) for k in range(6)]
-    clouds_m = []
-    for number, some in enumerate((blocks, blocks if is_same else taller(blocks))):
-        solids = [piece for at, high in some for piece in block((0.1, 0.1, high), (*at, high / 2))]
-        eyes_m = np.array([[-0.5, -0.9, 0.7], [0.9, -0.6, 0.8], [0.6, 0.9, 0.7], [-0.6, 0.7, 0.9]])
-        rng = np.random.default_rng(number)
-        clouds_m.append(fused(solids, eyes_m, (0.25, 0, 0.05), 0.0006, rng, (200, 180)))
-    scans = described(*clouds_m, None)
-    assert (len(find_forks(own(scans, np.eye(4)), *scans)) == 0) == is_same
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -89,6 +89,12 @@ def test_passers_by_stand_in_the_way_of_both_scans():
     )
 
 
+def test_what_is_not_asked_for_needs_no_scenes():
+    assert cases(0, 2, skip=2000) and len(alike_cases(10, skip=2000)) == 10
+    with pytest.raises(ValueError, match="are not to be had"):
+        cases(1, 0, skip=2000)
+
+
 def test_the_bound_grows_with_the_noise_and_shrinks_with_the_root_of_the_points():
     pairs = [simulate_pair("paper_room", 5, points=points) for points in (20_000, 80_000)]
     few_m, many_m = (bound_m(pair, 0.004) for pair in pairs)

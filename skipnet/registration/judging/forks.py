@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,11 +28,6 @@ MIN_GOING_ON = 0.3
 """The scans part where the other one's surface goes on at so much of the rim. Under right poses of
 79 simulated objects, seen in part, sampled, noisy or drifting, it does at 0.12 at most; of 38 other
 specimens 36 have a piece with 0.43 and more."""
-MIN_FACING = 0.65
-"""... or where at so much of the rim the other one has a piece of its own, too, within two cells:
-where a taller block's sides begin to be there alone, the lower one's top begins. Two views of one
-edge share a part of a rim: 0.31 at most under right poses of 100 simulated objects (a real figure:
-0.5); of 33 other specimens 26 have more than 0.7."""
 REACH_VOXELS = 4
 """How far about a voxel its surface is looked for, in ``SECTORS`` of its plane: in each of them."""
 SECTORS, NEAREST_VOXELS, THICK_VOXELS = 8, 1.5, 1.6
@@ -55,61 +49,27 @@ def surfaces_part(T_target_source: FloatArray, source: Scan, target: Scan) -> bo
 
 def _forks(T_target_source: FloatArray, source: Scan, target: Scan) -> Iterator[FloatArray]:
     """(3,) each in the target's frame."""
-    T_source_target = invert(T_target_source)
-    there = _find_alone(T_target_source, source, target)
-    back = _find_alone(T_source_target, target, source)
-    yield from _one_way(T_target_source, source, target, there, back)
-    for place_m in _one_way(T_source_target, target, source, back, there):
+    yield from _one_way(T_target_source, source, target)
+    for place_m in _one_way(invert(T_target_source), target, source):
         yield transform_points(T_target_source, place_m[None])[0]
 
 
-@dataclass(frozen=True)
-class _Alone:
-    """What a scan's fine level has alone under a pose, and the other one's does not."""
-
-    rows_other: IntArray
-    """(V,) the voxel of the other scan at each of its own, -1 for none."""
-    rows: IntArray
-    """(N,) those without one."""
-    around: IntArray
-    """(N, O) rows of the voxels about these, -1 for none."""
-    number: IntArray
-    """(N,) their pieces, touching voxels."""
-
-    def is_of_a_piece(self) -> BoolArray:
-        """(V,) which voxels are part of a piece that is large enough to be looked at."""
-        is_part = np.zeros(len(self.rows_other), dtype=bool)
-        is_part[self.rows] = (np.bincount(self.number) >= FEWEST_VOXELS)[self.number]
-        return is_part
-
-
-def _find_alone(T_b_a: FloatArray, scan_a: Scan, scan_b: Scan) -> _Alone:
-    """a's voxels that b has not."""
-    a = scan_a.fine_skipmap
+def _one_way(T_b_a: FloatArray, scan_a: Scan, scan_b: Scan) -> Iterator[FloatArray]:
+    """(3,) middles of a's pieces at which b parts from it, b's frame."""
+    a, b = scan_a.fine_skipmap, scan_b.fine_skipmap
     rows_b = scan_b.fine_near.find_moved(T_b_a[None], a.centroids_m)[0]
     rows = np.flatnonzero(rows_b < 0)
     around = a.find_around(rows, AROUND)
-    return _Alone(rows_b, rows, around, connected(around, rows, len(a)))
-
-
-def _one_way(
-    T_b_a: FloatArray, scan_a: Scan, scan_b: Scan, alone: _Alone, of_b: _Alone
-) -> Iterator[FloatArray]:
-    """(3,) middles of a's pieces at which b parts from it, b's frame."""
-    a, b, is_of_b = scan_a.fine_skipmap, scan_b.fine_skipmap, of_b.is_of_a_piece()
-    for piece in _largest(alone.number):
-        rim = alone.around[piece]
-        rim = np.unique(alone.rows_other[rim[rim >= 0]])
+    for piece in _largest(connected(around, rows, len(a))):
+        rim = around[piece]
+        rim = np.unique(rows_b[rim[rim >= 0]])
         rim = rim[rim >= 0]
         if len(rim) < MIN_RIM:
             continue
         rim = rim[_spread(len(rim), MOST_RIM)]
         goes_on = _goes_on(b.find_around(rim, _BALL), rim, b.centroids_m, b.normals, b.voxel_size_m)
-        near = b.find_around(rim, WITHIN_TWO)
-        faces = ((near >= 0) & is_of_b[near]).any(axis=1)
-        points_m = transform_points(T_b_a, a.centroids_m[alone.rows[piece]])
-        parts = goes_on.mean() >= MIN_GOING_ON or faces.mean() >= MIN_FACING
-        if parts and _is_deep(b, points_m):
+        points_m = transform_points(T_b_a, a.centroids_m[rows[piece]])
+        if goes_on.mean() >= MIN_GOING_ON and _is_deep(b, points_m):
             yield points_m.mean(axis=0)
 
 
