@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from skipnet.features.nearest import nearest_of_many
 from skipnet.types import FloatArray, IntArray
 
 _BLOCK = 128
 """Rows compared at a time: their distances to all others stay in the processor's cache."""
+_MANY = 1 << 23
+"""Distances between all and all that take longer than to look for near ones."""
 
 
 def factors_of_squared_distances(
@@ -35,6 +38,13 @@ def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     """
     if len(source) == 0 or len(target) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32)
+    find = nearest_of_many if len(source) * len(target) > _MANY else _nearest_of_few
+    rows_s, rows_t = find(source, target)
+    return rows_s, rows_t, np.linalg.norm(source[rows_s] - target[rows_t], axis=1)
+
+
+def _nearest_of_few(source: FloatArray, target: FloatArray) -> tuple[IntArray, IntArray]:
+    """As ``nearest_of_many``, from all distances."""
     left, right = factors_of_squared_distances(source, target)
     forward = np.empty(len(source), dtype=np.int64)
     nearest_s = np.empty(len(source), dtype=np.float32)
@@ -50,8 +60,7 @@ def mutual_nearest(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     mutual = np.flatnonzero(nearest_s == nearest_t[forward])
     rows_t, first = np.unique(forward[mutual], return_index=True)  # of equal sources the first
     rows_s, order = np.sort(mutual[first]), np.argsort(mutual[first])
-    rows_t = rows_t[order]
-    return rows_s, rows_t, np.linalg.norm(source[rows_s] - target[rows_t], axis=1)
+    return rows_s, rows_t[order]
 
 
 def mutually_near(

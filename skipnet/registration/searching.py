@@ -14,12 +14,13 @@ from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND
 from skipnet.registration.generators import propose
-from skipnet.registration.hypotheses.repeats import from_repeats
+from skipnet.registration.hypotheses.repeats import VOTERS, from_repeats
 from skipnet.registration.judging.forks import find_forks, surfaces_part
 from skipnet.registration.judging.furnishing import compare_things
-from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.judge import LAST_ROUND, ROUNDS, Judge
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.judging.score import CHANCE_SCORE
+from skipnet.registration.judging.sliding import GAIN_SAMPLES, ROUGH_SAMPLES
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.settling import (
     aligner_of,
@@ -46,6 +47,8 @@ FEW_CONTRADICT = 0.001
 rooms that are alike but for these 0.0026 and more does, of 100 others 0.0013 (three of these were
 looked at when the study had registered them, see docs/judge.md)."""
 
+ASKED_ABOUT = {*dict((*ROUNDS, LAST_ROUND)), GAIN_SAMPLES, ROUGH_SAMPLES, VOTERS}
+"""So many voxels are asked about, besides as many as the options say."""
 LAST_RESORTS = (Generator.deep, Generator.fpfh)
 """Asked only while nothing is registered."""
 
@@ -65,7 +68,10 @@ def search(
     """
     with clock("classes"):
         evidence_s, evidence_t = side_by_side(
-            lambda scan: scan.valued_evidence(config.feature_weight), (source, target)
+            lambda scan: scan.valued_evidence(config.feature_weight).gathered(
+                ASKED_ABOUT | {config.final_samples}
+            ),
+            (source, target),
         )
     if min(len(source.skipmap), len(target.skipmap)) == 0:
         return Answer.none()

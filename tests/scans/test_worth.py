@@ -74,3 +74,23 @@ def test_all_voxels_stand_for_themselves():
     by_number, by_worth = evidence.shares(len(skipmap))
     np.testing.assert_allclose(by_number, 1 / len(skipmap), rtol=1e-5)
     np.testing.assert_allclose(by_worth, worth[evidence.order] / worth.sum(), rtol=1e-5)
+
+
+def test_gathered_voxels_are_the_same_ones_for_each_number_and_stand_for_as_much():
+    points_m = sampled(20_000, [-2, -2, 0.0], [2, 2, 0.1])
+    skipmap = build_skipmap(points_m, VOXEL_M)
+    worth = np.random.default_rng(4).uniform(0.02, 1.0, len(skipmap))
+    evidence = build_evidence(skipmap, None, np.random.default_rng(5)).valued(worth)
+    gathered = evidence.gathered({300, 24, 10**6})
+    for count, first in ((24, 0), (300, 24), (len(skipmap), 300)):
+        assert (np.diff(gathered.order[first:count]) > 0).all()
+        rows, others = np.argsort(gathered.order[:count]), np.argsort(evidence.order[:count])
+        for name in ("order", "points_m", "normals", "weights", "sides", "clear"):
+            np.testing.assert_array_equal(
+                getattr(gathered, name)[:count][rows], getattr(evidence, name)[:count][others]
+            )
+        np.testing.assert_allclose(
+            gathered.shares(count)[:, rows], evidence.shares(count)[:, others], rtol=1e-5
+        )
+    with pytest.raises(ValueError, match=r"samples=25: expected one of \(24, 300\)"):
+        gathered.shares(25)

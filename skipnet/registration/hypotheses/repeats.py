@@ -33,6 +33,8 @@ TURNS_RAD = np.deg2rad([0.0, 60.0, 90.0, 120.0, 180.0, 240.0, 270.0, 300.0])
 MIN_TRUST = 0.5
 """In both viewpoints, for normals to tell the two sides of a wall apart."""
 FEW_VOTES = 2
+_UNCOUNTED = 255
+"""So many votes, and more, are one to a tally."""
 _BUCKETS, _HASH = 1 << 18, 73_856_093
 
 
@@ -78,7 +80,7 @@ class _Ballot:
     """What votes are counted in, turn after turn: without votes before and after each."""
 
     tally: IntArray
-    """(B,) uint8 votes for each bucket, whatever the cell, up to one more than a few."""
+    """(B,) uint8 votes for each bucket, whatever the cell, as far as they can be counted."""
     cells: IntArray
     """(B, 2) of what has more than a few: which cell, the first in its bucket, and its votes."""
     voters: IntArray
@@ -105,9 +107,12 @@ def _translations(
     their votes; the source's points and normals are (S, 3), the target's (3, T)."""
     size = target[0].shape[1]
     room = np.empty(size, np.float32), np.empty(size, np.int32), np.empty((3, size))
-    voters, tally = ballot.voters, ballot.tally
-    count = _vote(source, target, cell_m, oriented, room, tally, voters, ballot.keys)
-    voters = voters[: _elect(voters[:count], ballot.keys, tally, ballot.cells)]
+    voters, tally, reached = ballot.voters, ballot.tally, np.zeros(_UNCOUNTED + 1, np.int64)
+    count = _vote(source, target, cell_m, oriented, room, (tally, reached), voters, ballot.keys)
+    # As some buckets are shared, four times as many as are kept have the least votes to count.
+    enough = np.flatnonzero(reached[:_UNCOUNTED] >= 4 * MOST_PER_TURN)
+    least = max(FEW_VOTES + 1, enough.max(initial=0))
+    voters = voters[: _elect(voters[:count], ballot.keys, least, tally, ballot.cells)]
     most = len(voters) // (FEW_VOTES + 1)
     buckets, votes, total_m = np.empty(most, np.int64), np.empty(most), np.zeros((most, 3))
     cells = _count(source[0], target[0], voters, ballot.cells, (buckets, votes, total_m))
@@ -122,14 +127,15 @@ def _vote(
     cell_m: float,
     oriented: bool,
     room: tuple[FloatArray, IntArray, FloatArray],
-    tally: IntArray,
+    tallies: tuple[IntArray, IntArray],
     voters: IntArray,
     keys: IntArray,
 ) -> int:
-    """Write down all votes, and tally them by hashed cell; how many there are. What belongs to one
-    voxel of the source is worked out together, in a room for (T,), (T,) and (3, T)."""
+    """Write down all votes, and tally them by hashed cell, and how many buckets have so many; how
+    many votes there are. What belongs to one voxel of the source is worked out together, in a room
+    for (T,), (T,) and (3, T)."""
     (xs_m, ys_m, zs_m), normals = target[0], target[1]
-    cosine, alike, places = room
+    (cosine, alike, places), (tally, reached) = room, tallies
     count = 0
     for s in range(len(source[0])):
         x_m, y_m, z_m = source[0][s]
@@ -151,7 +157,8 @@ def _vote(
         for v in range(votes):
             cell = keys[count + v]
             bucket = (cell ^ (cell >> 17)) & (_BUCKETS - 1)
-            tally[bucket] += tally[bucket] <= FEW_VOTES
+            tally[bucket] += tally[bucket] < _UNCOUNTED
+            reached[tally[bucket]] += 1
             vote = voters[count + v]
             vote[0], vote[1], vote[2] = bucket, s, alike[v]
         count += votes
@@ -159,14 +166,14 @@ def _vote(
 
 
 @compiled
-def _elect(voters: IntArray, keys: IntArray, tally: IntArray, ballot: IntArray) -> int:
-    """Count the votes in each bucket that has more than a few, into (B, 2) zeros: which cell it is,
-    and how many; of the cells that share a bucket the first one alone has votes. And clear the
+def _elect(voters: IntArray, keys: IntArray, least: int, tally: IntArray, ballot: IntArray) -> int:
+    """Count the votes in each bucket that has so many at least, into (B, 2) zeros: which cell it
+    is, and how many; of the cells that share a bucket the first one alone has votes. And clear the
     tally. Returns how many voted; they come first in ``voters``."""
     count = 0
     for v in range(len(voters)):
         bucket, s, t = voters[v]
-        if tally[bucket] > FEW_VOTES:
+        if tally[bucket] >= least:
             if ballot[bucket, 1] == 0:
                 ballot[bucket, 0] = keys[v]
             if ballot[bucket, 0] == keys[v]:

@@ -20,7 +20,9 @@ MIN_DETERMINED = 0.01
 MIN_DETERMINING_VOXELS = 30.0
 """... and so is one that fewer voxels than this face."""
 STEPS_VOXELS = (np.arange(-4, 5) / 2, np.arange(-5, 6) / 20)
-"""Places to try, from rough to fine: these reach as far as the rough ones are apart."""
+"""Places to try, from rough to fine: these reach as far as the rough ones are apart ..."""
+ROUGH_SAMPLES = 1000
+"""... and for the rough ones so many voxels are enough."""
 GAIN_SAMPLES, MUCH_GAINED = 400, 1.3
 """A pose gains much if so many voxels make it this many times as good."""
 FREE_STEPS_VOXELS = np.array([-3.0, 0.0, 3.0])
@@ -94,9 +96,10 @@ def slide(T_target_source: FloatArray, direction: FloatArray, judge: Judge) -> F
         direction: (3,) unit vector, target frame.
         judge: of both scans.
     """
-    for steps_voxels in STEPS_VOXELS:
+    rough = replace(judge, samples=min(judge.samples, ROUGH_SAMPLES))
+    for steps_voxels, asked in zip(STEPS_VOXELS, (rough, judge), strict=True):
         moved = _moved(T_target_source, direction, steps_voxels * judge.voxel_size_m)
-        total = judge.score(moved).total
+        total = asked.score(moved).total
         good = np.flatnonzero(total >= _PLATEAU * total.max())
         step_m = steps_voxels[good].mean() * judge.voxel_size_m
         T_target_source = _moved(T_target_source, direction, step_m[None])[0]

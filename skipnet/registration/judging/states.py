@@ -19,12 +19,10 @@ MAX_SIDES = 0.5
 def facing(T_b_a: FloatArray, points_m: FloatArray, normals: FloatArray) -> FloatArray:
     """(C - 1, S) squared cosine between the motions of (S, 3) points from the first of (C, 4, 4)
     poses to each other one and their normals: what each tells of the motion."""
-    change = T_b_a[1:] - T_b_a[0]
-    moved_m = np.einsum("cij,sj->csi", change[:, :3, :3], points_m) + change[:, None, :3, 3]
     turned = normals @ T_b_a[0, :3, :3].T
-    along_m = np.abs(np.einsum("csi,si->cs", moved_m, turned))
-    cosine: FloatArray = along_m / np.maximum(np.linalg.norm(moved_m, axis=2), 1e-12)
-    return cosine**2
+    told = np.empty((len(T_b_a) - 1, len(points_m)))
+    _tell(T_b_a[1:, :3] - T_b_a[0, :3], points_m, turned, told)
+    return told
 
 
 def states(
@@ -70,6 +68,22 @@ def _without_grazing(
     result = np.zeros_like(free)
     result[pose[turned], voxel[turned]] = True
     return result
+
+
+@compiled
+def _tell(change: FloatArray, points_m: FloatArray, normals: FloatArray, told: FloatArray) -> None:
+    """See ``facing``: (K, 3, 4) by how much the motions differ, and normals turned by the first."""
+    for c in range(len(change)):
+        xx, xy, xz, x0 = change[c, 0]
+        yx, yy, yz, y0 = change[c, 1]
+        zx, zy, zz, z0 = change[c, 2]
+        for s in range(len(points_m)):
+            x_m, y_m, z_m = points_m[s, 0], points_m[s, 1], points_m[s, 2]
+            x = xx * x_m + xy * y_m + xz * z_m + x0
+            y = yx * x_m + yy * y_m + yz * z_m + y0
+            z = zx * x_m + zy * y_m + zz * z_m + z0
+            along_m = x * normals[s, 0] + y * normals[s, 1] + z * normals[s, 2]
+            told[c, s] = along_m * along_m / max(x * x + y * y + z * z, 1e-24)
 
 
 @compiled
