@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from skipnet.clouds.statistics import bounds
 from skipnet.compiled import compiled, inlined
 from skipnet.types import FloatArray, IntArray
 
@@ -18,7 +19,8 @@ _KEY_BITS = 21
 """Of a block's key for each of x, y and z."""
 _STEP_BITS = 2
 """A cell holds the row of its voxel and how many steps away that is, 0 to 3."""
-_COUNT_ONLY = np.empty((2, 0), dtype=np.int32)
+_USUALLY_MET = 32
+"""Voxels that a line meets, at most; where lines meet more they are walked twice."""
 
 _Blocks = tuple[IntArray, IntArray, IntArray]
 """(X, Y, Z) the first block at each place, 0 for none; (B,) keys, and (B,) the next block at the
@@ -128,9 +130,12 @@ class CellTable:
         starts = (starts_m + first_m * ways - self.origin_m) * (1 / self.voxel_size_m)
         strides = ways * (step_m / self.voxel_size_m)
         lines = starts, strides, looks, self._tables
-        met = np.empty((2, _find_along(*lines, _COUNT_ONLY)), dtype=np.int32)
-        _find_along(*lines, met)
-        return met[0], met[1]
+        met = np.empty((2, _USUALLY_MET * len(looks)), dtype=np.int32)
+        count = _find_along(*lines, met)
+        if count > met.shape[1]:
+            met = np.empty((2, count), dtype=np.int32)
+            _find_along(*lines, met)
+        return met[0, :count], met[1, :count]
 
 
 def _places_for_blocks(cells: IntArray, reach: int) -> tuple[IntArray | None, tuple[int, ...]]:
@@ -138,8 +143,9 @@ def _places_for_blocks(cells: IntArray, reach: int) -> tuple[IntArray | None, tu
     blocks. Where that is too much, fewer, and no lowest block: some share a place."""
     if not len(cells):
         return np.zeros(3, dtype=np.int64), (1, 1, 1)
-    lowest = (cells.min(axis=0) - reach) >> _BITS
-    lengths = ((cells.max(axis=0) + reach) >> _BITS) - lowest + 1
+    low, high = (end.astype(np.int64) for end in bounds(cells))
+    lowest = (low - reach) >> _BITS
+    lengths = ((high + reach) >> _BITS) - lowest + 1
     bits = [int(length - 1).bit_length() for length in lengths]
     is_alone = sum(bits) < int(_MOST_PLACES).bit_length()
     while sum(bits) > int(_MOST_PLACES).bit_length() - 1:
@@ -336,7 +342,7 @@ def _find_along(
             block = _block_of(x, y, z, blocks)
             row = rows[block, _in_block(x, y, z)] >> _STEP_BITS
             if row >= 0 and row != last:
-                if met.shape[1]:
+                if count < met.shape[1]:
                     met[0, count], met[1, count] = line, row
                 count += 1
             last = row

@@ -62,11 +62,15 @@ def from_slides(
     owner = np.repeat(np.arange(len(found)), sizes)[best]
     if len(best) == 0:
         return NO_HYPOTHESES
-    rotations = np.stack([found[k].rotation for k in owner])
-    directions = np.stack([found[k].direction for k in owner])
+    chosen, which = np.unique(owner, return_inverse=True)  # most lines share it with others
+    rotations = np.stack([found[k].rotation for k in chosen])
+    directions = np.stack([found[k].direction for k in chosen])
+    extents_m = _extents_m(rotations, directions, source_m, target_m, voxel_size_m)
+    rotations, directions, first_m, last_m = (
+        of_each[which] for of_each in (rotations, directions, *extents_m)
+    )
     rows = best - before[owner]
     starts_m = np.stack([found[k].start_m(row) for k, row in zip(owner, rows, strict=True)])
-    first_m, last_m = _extents_m(rotations, directions, source_m, target_m, voxel_size_m)
     steps = np.ceil((last_m - first_m) / voxel_size_m).astype(np.int64)
     line = np.repeat(np.arange(len(best)), steps)
     step = np.arange(len(line)) - (np.cumsum(steps) - steps)[line]

@@ -49,11 +49,12 @@ def look_closer(judge: Judge, T_target_source: FloatArray, score: Score) -> Scor
     """
     standing = score.total >= MIN_STANDING * score.total.max()
     total = score.total
+    ways = (replace(FINE, max_distance_voxels=voxels) for voxels in TOLERANCES_VOXELS)
+    overlaps = judge.overlaps(T_target_source, ways)
     for tolerance_voxels in TOLERANCES_VOXELS:
         if _sure(judge, tolerance_voxels) is None:
             break
-        strict = replace(FINE, max_distance_voxels=tolerance_voxels)
-        kept = judge.overlap(T_target_source, strict) / np.maximum(score.overlap, 1e-9)
+        kept = next(overlaps) / np.maximum(score.overlap, 1e-9)
         if kept[standing].max() < MIN_KEPT:
             break
         # Once for what no longer agrees, once more for what this says about the rest.

@@ -8,6 +8,7 @@ apart.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from skipnet.registration.judging.score import (
     Strictness,
     violation_cost,
 )
-from skipnet.registration.judging.states import facing, matches, states
+from skipnet.registration.judging.states import facing, matches_there, states
 from skipnet.scans.evidence import Evidence
 from skipnet.types import FloatArray, IntArray
 
@@ -95,11 +96,20 @@ class Judge:
         total *= np.exp(-MISMATCH_WEIGHT * mismatch / np.maximum(support, 1e-3))
         return Score(total, overlap, violation, support, contradiction, mismatch)
 
-    def overlap(self, T_target_source: FloatArray, strictness: Strictness) -> FloatArray:
-        """(C,) as ``score`` says of (C, 4, 4) poses, and nothing else."""
-        there = _matched(T_target_source, self.source, self.target, self.samples, strictness)
-        back = _matched(invert(T_target_source), self.target, self.source, self.samples, strictness)
-        return 0.5 * (there + back)
+    def overlaps(
+        self, T_target_source: FloatArray, ways: Iterable[Strictness]
+    ) -> Iterator[FloatArray]:
+        """(C,) as ``score`` says of (C, 4, 4) poses, and nothing else, by one strictness after the
+        other: where voxels come to lie is looked up once."""
+        source, target, samples = self.source, self.target, self.samples
+        scans = (T_target_source, source, target), (invert(T_target_source), target, source)
+        rows = [b.near.find_moved(T_b_a, a.points_m, samples) for T_b_a, a, b in scans]
+        for strictness in ways:
+            there, back = (
+                matches_there(*scan, row, strictness)[0] @ scan[1].shares(samples)[0]
+                for scan, row in zip(scans, rows, strict=True)
+            )
+            yield 0.5 * (there + back)
 
     def decisiveness(
         self, T_best: FloatArray, T_rivals: FloatArray, is_motion: bool = False
@@ -197,11 +207,3 @@ def _one_way(
     freely = free.astype(np.float32)
     violation, contradiction = b.trust * (freely @ count), b.trust * (freely @ worth)
     return np.stack([match @ count, violation, match @ worth, contradiction, beside @ worth])
-
-
-def _matched(
-    T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
-) -> FloatArray:
-    """(C,) share of a's voxels that match b."""
-    share: FloatArray = matches(T_b_a, a, b, samples, strictness)[0] @ a.shares(samples)[0]
-    return share

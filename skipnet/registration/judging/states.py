@@ -44,10 +44,17 @@ def matches(
     T_b_a: FloatArray, a: Evidence, b: Evidence, samples: int, strictness: Strictness
 ) -> tuple[FloatArray, BoolArray]:
     """(C, S) how far each of a's voxels matches b, 0 to 1, and which lie beside it."""
+    return matches_there(T_b_a, a, b, b.near.find_moved(T_b_a, a.points_m, samples), strictness)
+
+
+def matches_there(
+    T_b_a: FloatArray, a: Evidence, b: Evidence, rows: IntArray, strictness: Strictness
+) -> tuple[FloatArray, BoolArray]:
+    """As ``matches``, where the (C, S) rows of b are known on which a's voxels come to lie."""
     return _match(
         T_b_a[:, :3].astype(np.float32),
         (a.points_m, a.normals, a.sides, a.clear),
-        b.near.find_moved(T_b_a, a.points_m, samples),
+        rows,
         (b.surfaces, b.clear_there),
         strictness.min_normal_cosine,
         strictness.max_distance_voxels * b.voxel_size_m,
