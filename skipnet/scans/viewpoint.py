@@ -65,18 +65,29 @@ def trust_in(
     if min(len(skipmap), len(fine)) == 0:
         return 0.0
     maps = skipmap, fine
-    hidden = max(hidden_share(one, viewpoint_m) for one in maps)
     falloff = density_falloff(skipmap, viewpoint_m)
     margin = MARGIN_PER_FALLOFF * max(falloff - FALLOFF[1], 0.0)
+    hidden = _most_hidden(maps, viewpoint_m, HIDDEN_SHARE[1] + margin)
     explained = 1 - _ramp(hidden - margin, HIDDEN_SHARE)
     dense = 1.0 if is_given else _ramp(falloff, FALLOFF)
     if explained == 0 or dense == 1:
         return float(explained)
     behind_m = _behind(skipmap, viewpoint_m)
-    from_behind = max(hidden_share(one, behind_m) for one in maps)
+    enough = max(HIDDEN_FROM_BEHIND[1], hidden + LESS_THAN_BEHIND[1])
+    from_behind = _most_hidden(maps, behind_m, enough)
     in_front = _ramp(from_behind, HIDDEN_FROM_BEHIND)
     in_front *= _ramp(from_behind - hidden, LESS_THAN_BEHIND)
     return float(explained * max(dense, _ramp(falloff, FAINT_FALLOFF) * in_front))
+
+
+def _most_hidden(maps: tuple[SkipMap, ...], viewpoint_m: FloatArray, enough: float) -> float:
+    """The largest of the maps' hidden shares, or the first one that is enough."""
+    most = 0.0
+    for one in maps:
+        most = max(most, hidden_share(one, viewpoint_m))
+        if most >= enough:
+            break
+    return most
 
 
 def sides(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skipnet.clouds.statistics import bounds, principal_frame
+from skipnet.clouds.statistics import principal_frame
 from skipnet.compiled import compiled
 from skipnet.geometry import invert, make_transform, transform_points
 from skipnet.parallel.threads import side_by_side
@@ -63,7 +63,7 @@ def _sizes_for_one(points_m: FloatArray, T_own_points: FloatArray) -> tuple[floa
     spread_m = spread_m or reach_m
     finest_m = max(spread_m / 64, reach_m / CELL_MAX)
     keys = occupied_cells(points_m, finest_m, T_middle_points)
-    steps: IntArray = keys - pack(bounds(unpack(keys))[0].astype(np.int64))
+    steps: IntArray = keys - pack(unpack(keys).min(axis=0))
     counts = [len(steps)]
     while counts[-1] > max(goals[0], 1):
         steps = distinct_keys(halve_steps(steps), NO_ROWS)
