@@ -25,6 +25,8 @@ ROOM_M = (-4.0, -3.0, -1.5), (5.0, 3.5, 1.2)
 """Two corners of what the simulated scanner stands in."""
 WIDE = 1 << 12
 """Voxels along every axis: so far that blocks of a table share places."""
+HISTOGRAM = 33
+"""Figures of a descriptor: of scans as small as those here few are compared one by one."""
 _DPI = 30
 DENSE_BEAMS = 20_000
 RINGS, RING_BEAMS = 16, 1000
@@ -51,6 +53,8 @@ def compile_usual() -> None:
 
     What is compiled hangs on the kind of scan and of number, not on how many points there are.
     """
+    from skipnet.features.nearest import nearest_of_many
+    from skipnet.registration.judging.states import facing
     from skipnet.registration.pipeline import register
     from skipnet.results.skipmaps import skipmaps_of
     from skipnet.skipmap.cell_table import CellTable
@@ -59,6 +63,8 @@ def compile_usual() -> None:
     wide = CellTable(np.array([[0, 0, 0], [WIDE, WIDE, WIDE]]), 1.0, np.zeros(3))
     for precision in (np.float64, np.float32):  # as few scans are
         wide.find_moved(np.eye(4)[None], np.zeros((1, 3), precision))
+    facing(np.stack([np.eye(4)] * 2), *np.ones((2, 1, 3), dtype=np.float32))
+    nearest_of_many(*np.eye(2 * HISTOGRAM, HISTOGRAM, dtype=np.float32).reshape(2, HISTOGRAM, -1))
     pairs = list(_pairs())
     for source_m, target_m, options in counted("pairs", pairs, len(pairs)):
         result = register(source_m, target_m, **options)
