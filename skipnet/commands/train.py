@@ -18,6 +18,8 @@ def train(config: TrainConfig) -> dict[str, Any]:
         from skipnet.training.experiments.both_heads import train_both_heads as run_experiment
     elif config.network is NetworkKind.deep:
         from skipnet.training.experiments.deep_descriptor import train_deep as run_experiment
+    elif config.network is NetworkKind.matcher:
+        from skipnet.training.experiments.matching import train_matcher as run_experiment
     else:
         from skipnet.training.experiments.classes_alone import run_experiment
 

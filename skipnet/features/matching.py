@@ -82,9 +82,16 @@ def mutually_near(
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32)
     left, right = factors_of_squared_distances(source, target)
     squared = left @ right
-    near = np.ones(squared.shape, dtype=bool)
-    for axis, others in enumerate(squared.shape):
-        last = min(count, others) - 1
-        near &= squared <= np.partition(squared, last, axis=axis).take([last], axis=axis)
-    rows_s, rows_t = np.nonzero(near)
+    rows_s, rows_t = among_nearest(squared, count)
     return rows_s, rows_t, np.linalg.norm(source[rows_s] - target[rows_t], axis=1)
+
+
+def among_nearest(distances: FloatArray, count: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns of a (V, W) table, none of them empty, that are among the ``count`` nearest
+    of each other."""
+    near = np.ones(distances.shape, dtype=bool)
+    for axis, others in enumerate(distances.shape):
+        last = min(count, others) - 1
+        near &= distances <= np.partition(distances, last, axis=axis).take([last], axis=axis)
+    rows, columns = np.nonzero(near)
+    return rows, columns

@@ -13,8 +13,11 @@ from skipnet.features.fpfh import fpfh
 from skipnet.features.frames import tangent_frames
 from skipnet.features.matching import mutual_nearest
 from skipnet.geometry import transform_points
-from skipnet.networks.describing import correspond, describe_keypoints
+from skipnet.networks.describing import correspond, describe_keypoints, matched
 from skipnet.networks.model import Model
+from skipnet.networks.numpy_matcher import NumpyMatcher
+from skipnet.networks.on_grids import OnGrids
+from skipnet.networks.tokens import tokens_of
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
@@ -22,6 +25,8 @@ INLIER_VOXELS = 2.0
 """A correspondence is right when the truth brings its voxels nearer than this."""
 ENOUGH_INLIERS = 0.05
 """Share of right correspondences from which two scans count as matched (PPFNet, CVPR 2018)."""
+LIKELY = 0.1
+"""Probability from which a matcher's pair counts as a correspondence (as in LightGlue)."""
 OVERLAP_LIMITS = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0)
 SAME_PLACE_VOXELS = 0.7
 """Voxels of two scans show the same place when their centroids are nearer, and ..."""
@@ -74,6 +79,17 @@ def by_network(scans: TwoScans, descriptor: Model) -> tuple[IntArray, IntArray]:
     return correspond(scans.source, scans.target, descriptor)[:2]
 
 
+def by_matcher(
+    scans: TwoScans, network: OnGrids, matcher: NumpyMatcher
+) -> tuple[IntArray, IntArray]:
+    """A matcher's likely correspondences between what a deep network describes."""
+    source = tokens_of(scans.source, network, False)
+    target = tokens_of(scans.target, network, not scans.oriented)
+    rows_s, rows_t, unlikely = matched(matcher, source, target, scans.oriented)
+    likely = unlikely <= -np.log(LIKELY)
+    return rows_s[likely], rows_t[likely]
+
+
 def by_fpfh(scans: TwoScans, keypoints: tuple[IntArray, IntArray]) -> tuple[IntArray, IntArray]:
     """FPFH's correspondences between (K,) rows of the source and (L,) rows of the target."""
     described_s, described_t = fpfh(scans.source), fpfh(scans.target)
@@ -116,6 +132,11 @@ def by_overlap(matches: Sequence[Match]) -> dict[str, dict[str, float]]:
     for one in matches:
         groups[range_of(one.overlap)].append(one)
     return {name: summarise(inside) for name, inside in groups.items() if inside}
+
+
+def summarise_by_overlap(matches: Sequence[Match]) -> dict[str, dict[str, float]]:
+    """``summarise`` of "all", and ``by_overlap``."""
+    return {"all": summarise(matches), **by_overlap(matches)}
 
 
 def range_of(overlap: float) -> str:

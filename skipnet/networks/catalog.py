@@ -6,15 +6,17 @@ import json
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from skipnet.clouds.formats.arrays import read_archive
 from skipnet.networks.model import Model, digest_of
-from skipnet.networks.names import SHIPPED, weights_file
+from skipnet.networks.names import SHIPPED, matcher_file, weights_file
 from skipnet.networks.numpy_deep import DeepNumpyNetwork
+from skipnet.networks.numpy_matcher import NumpyMatcher
 from skipnet.networks.numpy_network import SmallNetwork
+from skipnet.networks.on_grids import OnGrids
 from skipnet.storage import read_json, replacing, write_text
 from skipnet.types import FloatArray
 
@@ -34,6 +36,9 @@ ARCHITECTURES: dict[str, Callable[[dict[str, FloatArray], dict[str, Any], str], 
 }
 """What makes a network of weights and card on a device, by the card's "architecture"."""
 
+_Network = TypeVar("_Network")
+_Makers = Mapping[str, Callable[[dict[str, FloatArray], dict[str, Any], str], _Network]]
+
 
 def find_network(network: str = SHIPPED, device: str = "cpu") -> Model:
     """A network by its name, "shipped" or another that the package holds, or by its file.
@@ -52,9 +57,47 @@ def find_network(network: str = SHIPPED, device: str = "cpu") -> Model:
     return _read_once(path.resolve(), path.stat().st_mtime_ns, device)
 
 
+def find_deep(network: str, option: str, device: str = "cpu") -> OnGrids:
+    """As ``find_network``, a deep network.
+
+    Raises:
+        ValueError: another one; ``option`` is how the user calls it.
+    """
+    found = find_network(network, device)
+    if not isinstance(found, OnGrids):
+        raise ValueError(
+            f"{option}={network}: expected a deep network, as train.py experiment=deep"
+        )
+    return found
+
+
+def find_matcher(matcher: str, network: Model) -> NumpyMatcher:
+    """A matcher by its name, or by its file, for what a deep network describes.
+
+    Raises:
+        ValueError: neither its name nor a file, a file that holds no matcher whole, or one that
+            learned from what another network describes.
+        FileNotFoundError: a file without its card.
+    """
+    path = matcher_file(matcher)
+    found = _read_matcher_once(path.resolve(), path.stat().st_mtime_ns)
+    expected = found.card.get("describes")
+    if network.digest != expected:
+        raise ValueError(
+            f"matcher={matcher} learned from what the network {expected} describes, not "
+            f"{network.digest}; train one upon it, or take matcher=null"
+        )
+    return found
+
+
 @lru_cache(maxsize=8)
 def _read_once(path: Path, changed_ns: int, device: str) -> Model:
     return load_network(path, device)
+
+
+@lru_cache(maxsize=8)
+def _read_matcher_once(path: Path, changed_ns: int) -> NumpyMatcher:
+    return load_matcher(path)
 
 
 def rounded(weights: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -85,6 +128,17 @@ def load_network(path: Path, device: str = "cpu") -> Model:
         ValueError: the weights are not those that the card was written for, or not those of its
             architecture.
     """
+    return _load(path, ARCHITECTURES, device)
+
+
+def load_matcher(path: Path) -> NumpyMatcher:
+    """Read a matcher's weights and card; see ``load_network``."""
+    make = {NumpyMatcher.architecture: lambda weights, card, device: NumpyMatcher(weights, card)}
+    return _load(path, make, "cpu")
+
+
+def _load(path: Path, architectures: _Makers[_Network], device: str) -> _Network:
+    """One of these architectures."""
     card_path = path.with_suffix(".json")
     for file in (path, card_path):
         if not file.is_file():
@@ -97,9 +151,9 @@ def load_network(path: Path, device: str = "cpu") -> Model:
             f"{path} is not whole, or not the file of its card: its weights have the digest "
             f"{found}, the card says {expected}"
         )
-    make = ARCHITECTURES.get(str(card.get("architecture")))
+    make = architectures.get(str(card.get("architecture")))
     if make is None:
-        known = " or ".join(ARCHITECTURES)
+        known = " or ".join(architectures)
         raise ValueError(f"{card_path}: architecture is {card.get('architecture')}, not {known}")
     try:
         return make(weights, card, device)

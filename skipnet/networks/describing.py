@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from skipnet.features.cylinders import choose_keypoints
-from skipnet.features.matching import mutual_nearest, mutually_near
+from skipnet.features.matching import among_nearest, mutual_nearest, mutually_near
 from skipnet.features.patches import build_patches
 from skipnet.networks.model import Model
+from skipnet.networks.numpy_matcher import NumpyMatcher
+from skipnet.networks.tokens import Tokens
 from skipnet.parallel.threads import one_blas_thread, side_by_side
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
@@ -104,3 +106,29 @@ def recognised(
     else:
         of_source, of_target, distance = mutually_near(described_s, described_t, choices)
     return rows_s[of_source], rows_t[of_target], distance
+
+
+def matched(
+    matcher: NumpyMatcher,
+    source: tuple[IntArray, Tokens],
+    target: tuple[IntArray, Tokens],
+    oriented: bool,
+    choices: int = 1,
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Voxels of two scans that a matcher takes for each other.
+
+    Args:
+        matcher: sees both scans' keypoints together.
+        source: rows and tokens, from ``tokens_of``.
+        target: rows and tokens.
+        oriented: whether the axes of both look to their sensors' sides.
+        choices: so many others may each of them be taken for.
+
+    Returns:
+        (C,) rows of the source, (C,) rows of the target and (C,) how unlikely each pair is: the
+        negative logarithm of its probability.
+    """
+    (rows_s, tokens_s), (rows_t, tokens_t) = source, target
+    unlikely = -matcher.match(tokens_s, tokens_t, oriented)
+    of_source, of_target = among_nearest(unlikely, choices)
+    return rows_s[of_source], rows_t[of_target], unlikely[of_source, of_target]

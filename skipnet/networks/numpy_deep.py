@@ -49,14 +49,19 @@ class DeepNumpyNetwork(OnGrids):
 
     def read(self, patches: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K, 48) descriptors and (K,) logits of grids; see ``Model``."""
+        hidden = self.units(patches)
+        described = self._linear("output", hidden)
+        described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
+        return described, self._linear("matchable", hidden)[:, 0]
+
+    def units(self, patches: FloatArray) -> FloatArray:
+        """See ``OnGrids``."""
         check_grids(patches)
         hidden = np.empty((len(patches), self.card["widths"]["hidden"]), np.float32)
         for start in range(0, len(patches), _CHUNK):
             some = slice(start, start + _CHUNK)
             hidden[some] = self._hidden(patches[some].astype(np.float32, copy=False))
-        described = self._linear("output", hidden)
-        described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
-        return described, self._linear("matchable", hidden)[:, 0]
+        return hidden
 
     def _hidden(self, grids: FloatArray) -> FloatArray:
         """(N, hidden) units of (N, 2, 8, 6, 16, 7) grids."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -11,8 +12,8 @@ from skipnet.skipmap.skipmap import SkipMap
 from skipnet.types import FloatArray, IntArray
 
 
-class OnGrids:
-    """The part of a ``Model`` that NumPy's and torch's network share; each has its ``read``."""
+class OnGrids(ABC):
+    """The part of a ``Model`` that NumPy's and torch's network share."""
 
     architecture: ClassVar[str] = "deep"
     max_keypoints: ClassVar[int] = 1500
@@ -37,6 +38,18 @@ class OnGrids:
     def cut(self, skipmap: SkipMap, rows: IntArray) -> FloatArray:
         """(K, 2, 8, 6, 16, 7) grids around (K,) voxels."""
         return cylinder_grids(skipmap, rows)
+
+    @abstractmethod
+    def read(self, patches: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See ``Model``."""
+
+    @abstractmethod
+    def units(self, patches: FloatArray) -> FloatArray:
+        """(K, hidden) float32 units of (K, 2, 8, 6, 16, 7) grids, of which descriptors are made.
+
+        Raises:
+            ValueError: patches of another shape.
+        """
 
     def turned_over(self, patches: FloatArray) -> FloatArray:
         """The grids that the opposite normals would give."""

@@ -43,13 +43,22 @@ class TorchNetwork(OnGrids):
 
     def read(self, patches: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K, 48) descriptors and (K,) logits of grids; see ``Model``."""
-        check_grids(patches)
-        described = np.zeros((len(patches), self._network.output.out_features), np.float32)
-        matchable = np.zeros(len(patches), np.float32)
         with torch.inference_mode():
-            for start in range(0, len(patches), _CHUNK):
-                some = slice(start, start + _CHUNK)
-                grids = torch.from_numpy(np.ascontiguousarray(patches[some], dtype=np.float32))
-                found = self._network.recognise(self._network(grids.to(self._device)))
-                described[some], matchable[some] = (values.cpu().numpy() for values in found)
+            found = self._network.recognise(self._units(patches))
+        described, matchable = (values.cpu().numpy() for values in found)
         return described, matchable
+
+    def units(self, patches: FloatArray) -> FloatArray:
+        """See ``OnGrids``."""
+        with torch.inference_mode():
+            return self._units(patches).cpu().numpy()
+
+    def _units(self, patches: FloatArray) -> torch.Tensor:
+        """(K, hidden) on the network's device."""
+        check_grids(patches)
+        units = torch.zeros(len(patches), self._network.widths["hidden"], device=self._device)
+        for start in range(0, len(patches), _CHUNK):
+            some = slice(start, start + _CHUNK)
+            grids = torch.from_numpy(np.ascontiguousarray(patches[some], dtype=np.float32))
+            units[some] = self._network(grids.to(self._device))
+        return units

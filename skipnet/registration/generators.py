@@ -8,8 +8,8 @@ import numpy as np
 
 from skipnet.features.matching import mutual_nearest
 from skipnet.features.primitives import Planes
-from skipnet.networks.catalog import find_network
-from skipnet.networks.describing import recognised
+from skipnet.networks.catalog import find_deep, find_matcher, find_network
+from skipnet.networks.describing import matched, recognised
 from skipnet.networks.model import Model
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
@@ -26,6 +26,14 @@ DEEP_CHOICES = 2
 
 Propose = Callable[[Scan, Scan, RegistrationConfig], Hypotheses]
 """From source, target and options to candidate poses; the judge decides about all of them alike."""
+
+
+def asked(config: RegistrationConfig, source: Scan, target: Scan) -> list[Generator]:
+    """The generators of these two scans, in order: of both last resorts the deep network is asked
+    where a scan is narrow alone; where sensors see all round it finds no more than FPFH does."""
+    if source.is_narrow or target.is_narrow or Generator.fpfh not in config.generators:
+        return config.generators
+    return [generator for generator in config.generators if generator is not Generator.deep]
 
 
 def propose(
@@ -58,8 +66,16 @@ def _from_descriptors(source: Scan, target: Scan, config: RegistrationConfig) ->
 
 
 def _from_deep(source: Scan, target: Scan, config: RegistrationConfig) -> Hypotheses:
-    network = find_network(config.deep_network, config.device)
-    return _from_network(source, target, network, DEEP_CHOICES, config)
+    if config.matcher is None:
+        network = find_network(config.deep_network, config.device)
+        return _from_network(source, target, network, DEEP_CHOICES, config)
+    described = find_deep(config.deep_network, "deep_network", config.device)
+    matcher, oriented = find_matcher(config.matcher, described), _agree_in_side(source, target)
+    of_source, of_target = side_by_side(
+        lambda scan, both: scan.tokens(described, both), (source, target), (False, not oriented)
+    )
+    found = matched(matcher, of_source, of_target, oriented, DEEP_CHOICES)
+    return _from_matches(source, target, found, config, np.exp(-found[2]))
 
 
 def _from_network(
@@ -101,14 +117,17 @@ def _from_matches(
     target: Scan,
     found: tuple[IntArray, IntArray, FloatArray],
     config: RegistrationConfig,
+    trust: FloatArray | None = None,
 ) -> Hypotheses:
-    """Poses on which the best of the (K,) matched rows of both Skip-maps agree."""
+    """Poses on which the best of the (K,) matched rows of both Skip-maps agree; (K,) trust in each
+    match, or all alike."""
     rows_s, rows_t, distance = found
     best = np.argsort(distance, kind="stable")[: config.max_correspondences]
     source_m = source.skipmap.centroids_m[rows_s[best]]
     target_m = target.skipmap.centroids_m[rows_t[best]]
     reach_m = 1.5 * source.skipmap.voxel_size_m
-    return from_correspondences(source_m, target_m, np.ones(len(best)), reach_m)
+    weights = np.ones(len(best)) if trust is None else trust[best]
+    return from_correspondences(source_m, target_m, weights, reach_m)
 
 
 PROPOSE: dict[Generator, Propose] = {

@@ -9,7 +9,7 @@ from enum import Enum
 from numbers import Integral, Real
 
 from skipnet.checks import check_known, require
-from skipnet.networks.names import DEEP, SHIPPED, weights_file
+from skipnet.networks.names import DEEP, MATCHER, SHIPPED, matcher_file, weights_file
 
 
 class Generator(Enum):
@@ -37,6 +37,7 @@ class RegistrationConfig:
             Generator.slides,
             Generator.descriptors,
             Generator.fpfh,
+            Generator.deep,
         ]
     )
     """Asked in this order; a later one only while the verdict is not clear yet."""
@@ -45,6 +46,9 @@ class RegistrationConfig:
     weights that ``train.py`` wrote."""
     deep_network: str = DEEP
     """What the generator deep describes voxels with; likewise."""
+    matcher: str | None = MATCHER
+    """What then matches them, seen together: its name, or the path of a file that ``train.py
+    experiment=matcher`` wrote; null takes descriptors that are near each other."""
     device: str = "cpu"
     """Where a network computes that needs torch: cpu, cuda or mps. On the processor none does."""
     denoise: bool = False
@@ -74,6 +78,8 @@ class RegistrationConfig:
         weights_file(self.network, "network")
         if Generator.deep in self.generators:
             weights_file(self.deep_network, "deep_network")
+            if self.matcher is not None:
+                matcher_file(self.matcher)
         check_known("device", self.device, ("cpu", "cuda", "mps"))
         for name in ("denoise_sigma", "feature_weight", "violation_weight"):
             value = getattr(self, name)

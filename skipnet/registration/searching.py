@@ -13,7 +13,7 @@ from skipnet.registration.aligners import Aligner
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND
-from skipnet.registration.generators import propose
+from skipnet.registration.generators import asked, propose
 from skipnet.registration.hypotheses.repeats import VOTERS, from_repeats
 from skipnet.registration.judging.forks import find_forks, surfaces_part
 from skipnet.registration.judging.furnishing import compare_things
@@ -79,7 +79,8 @@ def search(
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
     aligner = aligner_of(source, target, judge, config.refine_samples)
     running, answer = Contenders.none(), None
-    for generator, coming in zip_longest(config.generators, config.generators[1:]):
+    generators = asked(config, source, target)
+    for generator, coming in zip_longest(generators, generators[1:]):
         with clock("hypotheses"):
             hypotheses = propose(generator, source, target, config)
         with clock("verification"):
@@ -194,8 +195,11 @@ def is_enough(answer: Answer, coming: Generator) -> bool:
     Where a viewpoint is unknown nothing contradicts a wrong pose but a better one: all others are
     asked for rivals.
     """
+    found = answer.findings
+    if coming is Generator.deep and found is not None and found.is_mirrored:
+        return True  # what explains a mirror image is no answer, and rivals would hide the reason
     is_last = coming in LAST_RESORTS
-    if not is_last and answer.findings is not None and answer.findings.is_blind:
+    if not is_last and found is not None and found.is_blind:
         return False
     verdict = answer.verdict
     return verdict.status is Status.REGISTERED and verdict.confidence >= needed(coming)

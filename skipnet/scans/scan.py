@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
+import numpy as np
 import numpy.typing as npt
 
 from skipnet.clouds.cleaning import validate
@@ -15,6 +16,8 @@ from skipnet.features.primitives import Planes, find_planes
 from skipnet.geometry import transform_points
 from skipnet.networks.describing import Keypoints, classify_voxels, describe_keypoints
 from skipnet.networks.model import Model
+from skipnet.networks.on_grids import OnGrids
+from skipnet.networks.tokens import Tokens, tokens_of
 from skipnet.scans.evidence import Evidence
 from skipnet.scans.lattice import lattice_step_m
 from skipnet.scans.record import Record
@@ -29,6 +32,10 @@ from skipnet.types import FeatureClass, FloatArray, IntArray
 MIN_RESOLVED = 0.75
 """Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
 scans of a few lines 0.1 to 0.7."""
+
+NARROW = 0.7
+"""A view is narrow where the mean of all directions to its voxels is longer: of a half space it is
+0.5, of a cone of 60 degrees to each side 0.75, of cameras 0.9."""
 
 MIN_TRUST = 0.5
 """Normals are turned to a sensor's place that is trusted so far; a half-trusted plane's side is as
@@ -94,6 +101,10 @@ class Scan:
         default_factory=dict, repr=False, compare=False
     )
     """What ``keypoints`` has worked out so far; every pair of which the scan is part has it."""
+    described_apart: dict[tuple[str, bool], tuple[IntArray, Tokens]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+    """Likewise what ``tokens`` has."""
 
     def __getstate__(self) -> dict[str, object]:
         """The fields alone: what is worked out on demand holds trees of a library, and is again."""
@@ -159,6 +170,16 @@ class Scan:
         return self.fine_skipmap.counts.sum() < MIN_RESOLVED * self.fine_tree.moments.count.sum()
 
     @cached_property
+    def is_narrow(self) -> bool:
+        """Whether it shows one side of its sensor alone, as what cameras see and what LiDARs that
+        do not turn, or whether that is not known: two such scans often share little."""
+        if self.viewpoint_m is None or len(self.skipmap) == 0:
+            return True
+        line_m = self.skipmap.centroids_m - self.viewpoint_m
+        mean = (line_m / np.linalg.norm(line_m, axis=1, keepdims=True)).mean(axis=0)
+        return float(np.linalg.norm(mean)) > NARROW
+
+    @cached_property
     def lattice_step_m(self) -> float:
         """Edge of the lattice to which its points were rounded; 0 where they were not."""
         return lattice_step_m(self.fine_tree, self.T_given_own)
@@ -185,6 +206,13 @@ class Scan:
         if key not in self.described:
             self.described[key] = describe_keypoints(self.skipmap, network, both_sides)
         return self.described[key]
+
+    def tokens(self, network: OnGrids, both_sides: bool) -> tuple[IntArray, Tokens]:
+        """What ``tokens_of`` says, worked out when it is first asked for."""
+        key = network.digest, both_sides
+        if key not in self.described_apart:
+            self.described_apart[key] = tokens_of(self.skipmap, network, both_sides)
+        return self.described_apart[key]
 
     @cached_property
     def corners(self) -> Corners:

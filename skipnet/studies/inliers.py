@@ -8,7 +8,7 @@ better than the principal frame's, to which those of the pipeline's own FPFH loo
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,15 +18,17 @@ import numpy as np
 from skipnet.benchmark.datasets.listed import FOLDER
 from skipnet.geometry import invert
 from skipnet.metrics.correspondences import (
+    Correspond,
     Match,
     TwoScans,
     by_fpfh,
+    by_matcher,
     by_network,
     keypoints_of,
     match,
     summarise,
 )
-from skipnet.networks.catalog import find_network
+from skipnet.networks.catalog import find_deep, find_matcher, find_network
 from skipnet.networks.model import Model
 from skipnet.scans.describing import describe
 from skipnet.scans.scan import Scan, checked
@@ -38,14 +40,20 @@ from skipnet.viz.tables import Table
 
 FPFH = "FPFH"
 LOW_OVERLAP = 0.35
+NOTHING: Mapping[str, Correspond] = {}
 
 Matches = dict[str, dict[str, list[Match]]]
 """Of each descriptor and set."""
 
 
-def compare(pairs: Iterable[Pair], descriptors: dict[str, Model]) -> Matches:
-    """Let each descriptor, and FPFH on the first one's keypoints, find correspondences."""
-    matches: Matches = {name: {} for name in (*descriptors, FPFH)}
+def compare(
+    pairs: Iterable[Pair],
+    descriptors: dict[str, Model],
+    matching: Mapping[str, Correspond] = NOTHING,
+) -> Matches:
+    """Let each descriptor, each matcher, and FPFH on the first one's keypoints, find
+    correspondences."""
+    matches: Matches = {name: {} for name in (*descriptors, *matching, FPFH)}
     first = next(iter(descriptors.values()))
     for index, pair in enumerate(pairs):
         clouds = [
@@ -67,6 +75,7 @@ def compare(pairs: Iterable[Pair], descriptors: dict[str, Model]) -> Matches:
             name: match(scans, partial(by_network, descriptor=descriptor))
             for name, descriptor in descriptors.items()
         }
+        found |= {name: match(scans, find) for name, find in matching.items()}
         found[FPFH] = match(turned, partial(by_fpfh, keypoints=keypoints))
         for name, one in found.items():
             known = one if pair.overlap is None else replace(one, overlap=pair.overlap)
@@ -85,7 +94,12 @@ def run(config: InliersConfig) -> dict[str, Any]:
     """Compare networks on a folder's pairs and report; the summary comes back."""
     networks = {"skipnet": find_network()} | {name: find_network(name) for name in config.networks}
     pairs = FOLDER.pairs(config.data, config.sets, seed=config.seed)
-    matches = compare(pairs, networks)
+    matching: dict[str, Correspond] = {}
+    for name in config.matchers:
+        deep = find_deep(config.networks[0], "networks")
+        matcher = find_matcher(name, deep)
+        matching[name] = partial(by_matcher, network=deep, matcher=matcher)
+    matches = compare(pairs, networks, matching)
     return report(
         config,
         "Inliers: how many right correspondences does the descriptor find?",

@@ -103,10 +103,14 @@ class InliersConfig(StudyConfig):
     """Names of the sets to use; empty takes all."""
     networks: list[str] = field(default_factory=list)
     """Others beside the shipped one, each by its name or its file, a descriptor.npz of train.py."""
+    matchers: list[str] = field(default_factory=list)
+    """What matches the deep one of ``networks``, each by its name or its file, a matcher.npz."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(bool(self.data), "data", self.data, "data=FOLDER, one with a pairs.json")
+        fits = not self.matchers or len(self.networks) == 1
+        require(fits, "networks", self.networks, "the one deep network that the matchers belong to")
 
 
 @dataclass

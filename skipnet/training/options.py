@@ -11,6 +11,7 @@ from skipnet.progress import Terminal
 from skipnet.training.data.options import DataConfig, PatchKind, Split
 from skipnet.training.deep_options import DeepTrainConfig
 from skipnet.training.descriptor_options import DescriptorTrainConfig
+from skipnet.training.matcher_options import MatcherTrainConfig
 
 
 class Activation(Enum):
@@ -36,6 +37,8 @@ class NetworkKind(Enum):
     """For the classes alone, as the paper's."""
     deep = "deep"
     """For correspondences alone, from a factory of pairs that feeds it as it learns."""
+    matcher = "matcher"
+    """For which keypoints of two scans are one place, upon what a deep network describes."""
 
 
 class Device(Enum):
@@ -54,11 +57,14 @@ class TrainConfig:
     """Its name in reports."""
     network: NetworkKind = NetworkKind.two_heads
     """two_heads, or classes alone, as the paper's; hidden_sizes, activation, input_scaling and what
-    says when to stop belong to the latter, descriptor.* to the former; deep.* to deep."""
+    says when to stop belong to the latter, descriptor.* to the former; deep.* to deep, matcher.* to
+    matcher."""
     descriptor: DescriptorTrainConfig = field(default_factory=DescriptorTrainConfig)
     """How to train both heads."""
     deep: DeepTrainConfig = field(default_factory=DeepTrainConfig)
     """How to train the deep network."""
+    matcher: MatcherTrainConfig = field(default_factory=MatcherTrainConfig)
+    """How to train the matcher."""
     data: DataConfig = field(default_factory=DataConfig)
     """What to learn the classes from."""
     hidden_sizes: list[int] = field(default_factory=lambda: [192, 96])
@@ -91,7 +97,7 @@ class TrainConfig:
     """Train in float64; scaled conjugate gradient needs it. Weights are stored in float32."""
     ship: bool = False
     """Put the weights and their card into the package too, as those that skipnet.register uses; of
-    two heads, and of the deep network."""
+    two heads, of the deep network and of the matcher."""
     compare_alone: bool = False
     """Train a network for the classes alone on the same samples, for the same tables."""
     compare_sklearn: bool = False
@@ -122,7 +128,7 @@ class TrainConfig:
         alone = "false, or network=two_heads"
         require(two_heads or not self.compare_alone, "compare_alone", self.compare_alone, alone)
         ships = self.network is not NetworkKind.classes
-        require(ships or not self.ship, "ship", self.ship, "false, or network=two_heads or deep")
+        require(ships or not self.ship, "ship", self.ship, "false, or another network than classes")
         if two_heads:
             self._check_two_heads()
 

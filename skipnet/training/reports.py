@@ -51,8 +51,9 @@ def plain(config: TrainConfig) -> dict[str, Any]:
 
 def for_card(config: TrainConfig) -> dict[str, Any]:
     """As ``plain``, without what the weights do not depend on."""
-    deep = config.network is NetworkKind.deep
-    others = {"output_dir", "terminal", *(("descriptor", "data") if deep else ("deep",))}
+    own = {NetworkKind.deep: {"deep"}, NetworkKind.matcher: {"matcher"}}
+    parts = {"descriptor", "data", "deep", "matcher"}
+    others = parts - own.get(config.network, {"descriptor", "data"}) | {"output_dir", "terminal"}
     return {name: value for name, value in plain(config).items() if name not in others}
 
 
@@ -164,10 +165,7 @@ def judge_on_unseen(
         if not matches["fpfh"]:
             fpfh(scans)  # what it imports is no part of its time
         matches["fpfh"].append(judging.match(scans, fpfh))
-    return {
-        name: {"all": judging.summarise(found), **judging.by_overlap(found)}
-        for name, found in matches.items()
-    }
+    return {name: judging.summarise_by_overlap(found) for name, found in matches.items()}
 
 
 def predict(descriptor: Model, samples: Samples) -> IntArray:

@@ -24,23 +24,25 @@ from skipnet.networks.describing import correspond
 from skipnet.networks.names import DEEP, DEEP_WEIGHTS
 from skipnet.networks.torch_network import TorchNetwork
 from skipnet.registration.answer import Answer
+from skipnet.registration.generators import asked
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.pipeline import register
 from skipnet.registration.searching import is_enough
 from skipnet.registration.verdict import Verdict
+from skipnet.scans.describing import describe
 from skipnet.simulation.scanning.glimpses import EYES, glimpse
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import build_skipmap
-from skipnet.training.data.factory import KINDS, Factory, make_pairs, make_scans
+from skipnet.training.data.factory import KINDS, PatchFactory, make_pairs, make_scans
 from skipnet.training.data.pairs import PatchPairs, digest
 from skipnet.training.experiments.deep_descriptor import TrainableDeepNetwork
 from skipnet.training.schedule import Schedule
 from skipnet.training.task import Judgement
 from skipnet.training.tasks.descriptor import DescriptorTask, StepPlan
 from skipnet.training.trainer import Outcome, Trainer
-from skipnet.types import FloatArray, Status
+from skipnet.types import FloatArray, Pair, Status
 
 
 @pytest.fixture(scope="module")
@@ -148,8 +150,9 @@ class Shelf(Executor):
         return future
 
 
-def shelf_factory() -> Factory:
-    return Factory(DEEP_TRAINING, 8, window=8, scans_per_step=2, uses=4, pool=Shelf())
+def shelf_factory() -> PatchFactory:
+    make = partial(make_pairs, per_scans=8)
+    return PatchFactory(make, DEEP_TRAINING, window=8, scans_per_step=2, uses=4, pool=Shelf())
 
 
 def test_the_window_moves_on_and_depends_on_the_step_alone() -> None:
@@ -258,3 +261,23 @@ def test_the_last_resorts_are_asked_only_while_nothing_is_registered() -> None:
     for generator in (Generator.deep, Generator.fpfh):
         assert is_enough(unsure, generator) and not is_enough(Answer.none(), generator)
     assert not is_enough(unsure, Generator.descriptors)
+
+
+def test_the_deep_network_is_asked_where_a_scan_shows_one_side_alone() -> None:
+    rng = np.random.default_rng(0)
+    views = glimpse("kitchen", DEEP_TEST.scene(0), EYES["camera"], rng)[:2]
+    pair = simulate_pair("oblique", 1, points=20_000).pair
+    narrow, round_ = (describe(two, ("auto", "auto")) for two in (views, pair_of(pair)))
+    blind = describe(pair_of(pair), (None, None))
+    assert all(scan.is_narrow for scan in (*narrow, *blind))
+    assert not any(scan.is_narrow for scan in round_)
+    config = RegistrationConfig()
+    assert asked(config, *round_) == config.generators[:-1]
+    for scans in (narrow, blind, (narrow[0], round_[1])):
+        assert asked(config, *scans) == config.generators
+    alone = RegistrationConfig([Generator.planes, Generator.deep])
+    assert asked(alone, *round_) == alone.generators
+
+
+def pair_of(pair: Pair) -> tuple[FloatArray, FloatArray]:
+    return pair.source_m, pair.target_m

@@ -1,9 +1,9 @@
 """A factory of training pairs: scans of every kind, with little overlap on purpose, as they go.
 
-Each number gives one pair of scans and with it pairs of patches, or nothing where the scans share
-too little; the same number always the same. Processes work ahead, and what is learned from at a
-step is a window of numbers that depends on the step alone: so an interrupted training goes on to
-the bit.
+Each number gives one pair of scans and with it a lesson, such as pairs of patches, or nothing where
+the scans share too little; the same number always the same. Processes work ahead, and what is
+learned from at a step is a window of numbers that depends on the step alone: so an interrupted
+training goes on to the bit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -36,6 +36,8 @@ from skipnet.types import FloatArray
 
 Clouds = tuple[FloatArray, FloatArray, FloatArray]
 """(N, 3) source and (M, 3) target, and the true (4, 4) motion."""
+Lesson = TypeVar("Lesson")
+AnyFactory = TypeVar("AnyFactory", bound="Factory[Any]")
 MIN_POINTS = 2000
 AT_FIRST = 16
 """Numbers at hand at the first step."""
@@ -121,12 +123,13 @@ def make_pairs(number: int, per_scans: int) -> PatchPairs | None:
     return cut_pairs(scans, per_scans, RECIPE, rng, cylinder_grids, turned_over)
 
 
-class Factory:
+class Factory(Generic[Lesson]):
     """Lessons that never end: a window of numbers, moved on as the training goes.
 
     Args:
+        make: of a number its lesson, None where there is none; a function with keywords that say
+            all it depends on.
         numbers: of the pairs of scans; after the last one the first comes again.
-        per_scans: pairs of patches from each.
         window: so many numbers are at hand at a step, the last ones; fewer at first.
         scans_per_step: what a step takes from the window.
         uses: steps that a pair of scans takes part in, on average, before it leaves the window.
@@ -134,24 +137,22 @@ class Factory:
         first: number to begin with.
     """
 
-    labelled = None
-
     def __init__(
         self,
+        make: partial[Lesson | None],
         numbers: SeedRange,
-        per_scans: int,
         window: int,
         scans_per_step: int,
         uses: float,
         pool: Executor,
         first: int = 0,
     ) -> None:
-        self._make = partial(make_pairs, per_scans=per_scans)
+        self._make = make
         self._window, self._rate = window, scans_per_step / uses
         self._numbers, self._pool, self._first = numbers, pool, first
         self._at_first = min(AT_FIRST, window)
-        self._ahead: deque[Future[PatchPairs | None]] = deque()
-        self._held: deque[PatchPairs | None] = deque(maxlen=window)
+        self._ahead: deque[Future[Lesson | None]] = deque()
+        self._held: deque[Lesson | None] = deque(maxlen=window)
         self._next = self._asked = 0
         self._counted = 0, time.perf_counter()
 
@@ -160,7 +161,7 @@ class Factory:
         what = f"{self._numbers} {self._first} {self._make.keywords} {self._window} {self._rate}"
         return f"factory {what} {list(KINDS)} {RECIPE}"
 
-    def pairs_at(self, step: int) -> Sequence[PatchPairs]:
+    def pairs_at(self, step: int) -> Sequence[Lesson]:
         """What a step may learn from; steps must not go back."""
         stop = self._at_first + int(step * self._rate)
         if self._next < stop - self._window:  # a training goes on: what was before is not needed
@@ -181,16 +182,22 @@ class Factory:
         speed = (self._counted[0] - made) / max(self._counted[1] - then_s, 1e-9)
         return {"factory/pairs_per_second": speed}
 
+
+class PatchFactory(Factory[PatchPairs]):
+    """Of pairs of patches, for a descriptor."""
+
+    labelled = None
+
     def scaling(self) -> tuple[torch.Tensor]:
         """Patches from which the scaling of the inputs is taken."""
         return (torch.cat([torch.from_numpy(p.source[:50]).float() for p in self.pairs_at(0)]),)
 
 
 @contextmanager
-def factory(workers: int, **options: Any) -> Iterator[Factory]:
-    """A ``Factory`` with so many processes."""
+def working(workers: int, build: Callable[[Executor], AnyFactory]) -> Iterator[AnyFactory]:
+    """A factory, with so many processes that make pairs ahead."""
     with worker_pool(workers) as pool:
         try:
-            yield Factory(pool=pool, **options)
+            yield build(pool)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)

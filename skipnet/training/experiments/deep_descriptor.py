@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,7 @@ from skipnet.progress import counted
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING, DEEP_VALIDATION
 from skipnet.storage import write_config, write_text
 from skipnet.training import reports
-from skipnet.training.data.factory import KINDS, Factory, factory, make_scans
+from skipnet.training.data.factory import KINDS, PatchFactory, make_pairs, make_scans, working
 from skipnet.training.experiments.both_heads import CHECKPOINT, reached
 from skipnet.training.optimizers import find_optimizer
 from skipnet.training.options import TrainConfig
@@ -125,21 +126,25 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     return summary
 
 
-def lessons_of(config: TrainConfig) -> AbstractContextManager[Factory]:
+def lessons_of(config: TrainConfig) -> AbstractContextManager[PatchFactory]:
     """The factory of training pairs, working while it is open."""
     options = config.deep
-    return factory(
-        config.data.workers,
-        numbers=DEEP_TRAINING,
-        per_scans=options.patches_per_scans,
-        window=options.window,
-        scans_per_step=options.scans_per_step,
-        uses=options.uses,
-        first=options.first,
-    )
+
+    def build(pool: Executor) -> PatchFactory:
+        return PatchFactory(
+            partial(make_pairs, per_scans=options.patches_per_scans),
+            DEEP_TRAINING,
+            options.window,
+            options.scans_per_step,
+            options.uses,
+            pool,
+            options.first,
+        )
+
+    return working(config.data.workers, build)
 
 
-def fit(config: TrainConfig, lessons: Factory) -> Trained:
+def fit(config: TrainConfig, lessons: PatchFactory) -> Trained:
     """Train the network."""
     options = config.deep
     torch.manual_seed(config.seed)

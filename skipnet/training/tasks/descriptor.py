@@ -18,7 +18,7 @@ from torch.nn.functional import cross_entropy
 
 from skipnet.metrics.correspondences import ENOUGH_INLIERS, Keypoints, range_of
 from skipnet.networks.model import Model
-from skipnet.training.data.factory import Factory
+from skipnet.training.data.factory import PatchFactory
 from skipnet.training.data.labelled import Samples
 from skipnet.training.data.pairs import PatchPairs, digest
 from skipnet.training.networks.losses import (
@@ -124,7 +124,11 @@ class DescriptorTask:
     takes_all = False
 
     def __init__(
-        self, lessons: Lessons | Factory, plan: StepPlan, unseen: Sequence[Keypoints], seed: int
+        self,
+        lessons: Lessons | PatchFactory,
+        plan: StepPlan,
+        unseen: Sequence[Keypoints],
+        seed: int,
     ) -> None:
         self.lessons, self.plan, self.unseen, self._seed = lessons, plan, unseen, seed
         self._random = np.random.default_rng(seed)
