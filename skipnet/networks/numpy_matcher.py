@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -212,10 +211,7 @@ def _softmax(values: FloatArray, axis: int) -> FloatArray:
 
 def _both_ways(alike: FloatArray) -> FloatArray:
     """(K, L) sums of the logarithms of both softmaxes."""
-    highest = alike.max()
-    raised = alike - highest
-    ways: Sequence[FloatArray] = [_log_sums(raised, axis) for axis in (0, 1)]
-    return 2 * raised - ways[0] - ways[1]
+    return 2 * alike - _log_sums(alike, 0) - _log_sums(alike, 1)
 
 
 def _log_sums(values: FloatArray, axis: int) -> FloatArray:
