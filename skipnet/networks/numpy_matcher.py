@@ -131,6 +131,7 @@ class _Layer:
         attentions = _softmax(alike, axis=2), _softmax(alike, axis=1).transpose(0, 2, 1)
 
         def hear(tokens: FloatArray, attention: FloatArray, value: FloatArray) -> FloatArray:
+            """(K, W) tokens and what they hear from others to the same."""
             said = _linear(self._weights, "other_said", _joined(attention @ value))
             return self._heard("other_hearing", tokens, said)
 

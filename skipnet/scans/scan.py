@@ -37,6 +37,9 @@ NARROW = 0.7
 """A view is narrow where the mean of all directions to its voxels is longer: of a half space it is
 0.5, of a cone of 60 degrees to each side 0.75, of cameras 0.9."""
 
+TINY_M = 1e-9
+"""What lies at the sensor itself, as what it gives where it saw nothing, is in no direction."""
+
 MIN_TRUST = 0.5
 """Normals are turned to a sensor's place that is trusted so far; a half-trusted plane's side is as
 likely wrong as right."""
@@ -101,7 +104,7 @@ class Scan:
         default_factory=dict, repr=False, compare=False
     )
     """What ``keypoints`` has worked out so far; every pair of which the scan is part has it."""
-    described_apart: dict[tuple[str, bool], tuple[IntArray, Tokens]] = field(
+    tokens_described: dict[tuple[str, bool], tuple[IntArray, Tokens]] = field(
         default_factory=dict, repr=False, compare=False
     )
     """Likewise what ``tokens`` has."""
@@ -176,7 +179,8 @@ class Scan:
         if self.viewpoint_m is None or len(self.skipmap) == 0:
             return True
         line_m = self.skipmap.centroids_m - self.viewpoint_m
-        mean = (line_m / np.linalg.norm(line_m, axis=1, keepdims=True)).mean(axis=0)
+        range_m = np.maximum(np.linalg.norm(line_m, axis=1, keepdims=True), TINY_M)
+        mean = (line_m / range_m).mean(axis=0)
         return float(np.linalg.norm(mean)) > NARROW
 
     @cached_property
@@ -210,9 +214,9 @@ class Scan:
     def tokens(self, network: OnGrids, both_sides: bool) -> tuple[IntArray, Tokens]:
         """What ``tokens_of`` says, worked out when it is first asked for."""
         key = network.digest, both_sides
-        if key not in self.described_apart:
-            self.described_apart[key] = tokens_of(self.skipmap, network, both_sides)
-        return self.described_apart[key]
+        if key not in self.tokens_described:
+            self.tokens_described[key] = tokens_of(self.skipmap, network, both_sides)
+        return self.tokens_described[key]
 
     @cached_property
     def corners(self) -> Corners:

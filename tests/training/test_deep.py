@@ -281,3 +281,12 @@ def test_the_deep_network_is_asked_where_a_scan_shows_one_side_alone() -> None:
 
 def pair_of(pair: Pair) -> tuple[FloatArray, FloatArray]:
     return pair.source_m, pair.target_m
+
+
+def test_a_voxel_at_the_sensor_lies_in_no_direction(recwarn: pytest.WarningsRecorder) -> None:
+    source, _ = describe(pair_of(simulate_pair("oblique", 1, points=20_000).pair), ("auto", "auto"))
+    assert source.viewpoint_m is not None
+    centroids_m = source.skipmap.centroids_m.copy()
+    centroids_m[0] = source.viewpoint_m
+    there = replace(source, skipmap=replace(source.skipmap, centroids_m=centroids_m))
+    assert not there.is_narrow and not recwarn.list

@@ -110,6 +110,19 @@ def train_deep(config: TrainConfig) -> dict[str, Any]:
     for target in [path, DEEP_WEIGHTS] if config.ship else [path]:
         save_network(outcome.network.arrays(), card, target)
     seconds = {"training": trained_s - start_s, "judging": time.perf_counter() - trained_s}
+    return conclude(config, outcome, scores, seconds, test)
+
+
+def conclude(
+    config: TrainConfig,
+    outcome: Outcome[Any],
+    scores: dict[str, dict[str, dict[str, float]]],
+    seconds: dict[str, float],
+    test: list[TwoScans],
+) -> dict[str, Any]:
+    """Write the summary and the scores of a training that the factory fed; the summary comes
+    back."""
+    folder = Path(config.output_dir)
     summary = {
         "experiment": config.experiment_name,
         "seed": config.seed,

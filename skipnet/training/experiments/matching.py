@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
@@ -12,7 +11,7 @@ from typing import Any
 
 import torch
 
-from skipnet.metrics.correspondences import by_matcher, match, summarise_by_overlap
+from skipnet.metrics.correspondences import TwoScans, by_matcher, match, summarise_by_overlap
 from skipnet.networks.catalog import find_deep, load_matcher, save_network
 from skipnet.networks.devices import find_device
 from skipnet.networks.matcher import MatcherNetwork
@@ -22,12 +21,12 @@ from skipnet.networks.on_grids import OnGrids
 from skipnet.networks.tokens import Tokens
 from skipnet.progress import counted
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING, DEEP_VALIDATION
-from skipnet.storage import write_config, write_text
+from skipnet.storage import write_config
 from skipnet.training import reports
 from skipnet.training.data.factory import KINDS, Factory, working
 from skipnet.training.data.token_pairs import TokenPair, make_token_pair
 from skipnet.training.experiments.both_heads import CHECKPOINT, reached
-from skipnet.training.experiments.deep_descriptor import scans_of
+from skipnet.training.experiments.deep_descriptor import conclude, scans_of
 from skipnet.training.optimizers import find_optimizer
 from skipnet.training.options import TrainConfig
 from skipnet.training.schedule import Schedule
@@ -101,31 +100,19 @@ def train_matcher(config: TrainConfig) -> dict[str, Any]:
     card = make_card(config, describes, outcome)
     card["hours"] = round((trained_s - start_s) / 3600, 2)
     save_network(outcome.network.arrays(), card, folder / MATCHES)
-    scores = judge(load_matcher(folder / MATCHES), describes, options.test_pairs)
+    test = scans_of(DEEP_TEST.take(options.test_pairs))
+    scores = judge(load_matcher(folder / MATCHES), describes, test)
     card["scores"] = {name: groups["all"] for name, groups in scores.items()}
     for target in [folder / MATCHES, MATCHER_WEIGHTS] if config.ship else [folder / MATCHES]:
         save_network(outcome.network.arrays(), card, target)
     seconds = {"training": trained_s - start_s, "judging": time.perf_counter() - trained_s}
-    summary = {
-        "experiment": config.experiment_name,
-        "seed": config.seed,
-        "reached": reached(outcome),
-        "unseen": scores,
-        "seconds": seconds,
-    }
-    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
-    write_text(folder / "scores.md", reports.descriptor_table(scores))
-    final = {f"{name} inlier_ratio": of["all"]["inlier_ratio"] for name, of in scores.items()}
-    with dashboard.open_dashboard(folder / "tensorboard") as writer:
-        reports.log_parameters(writer, config, final)
-    return summary
+    return conclude(config, outcome, scores, seconds, test)
 
 
 def judge(
-    matcher: NumpyMatcher, describes: OnGrids, count: int
+    matcher: NumpyMatcher, describes: OnGrids, test: list[TwoScans]
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Scores on the test's scans: of the matcher, and of the network and FPFH without it."""
-    test = scans_of(DEEP_TEST.take(count))
     found = [
         match(scans, partial(by_matcher, network=describes, matcher=matcher))
         for scans in counted("pairs to match", test, len(test))
