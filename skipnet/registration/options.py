@@ -100,8 +100,19 @@ def as_config(config: RegistrationConfig | None) -> RegistrationConfig:
     """The options that were given, or the defaults.
 
     Raises:
-        ValueError: something else was given.
+        ValueError: something else was given, or a matcher of another network than is asked.
     """
     given = RegistrationConfig() if config is None else config
     require(isinstance(given, RegistrationConfig), "config", config, "a RegistrationConfig")
+    if Generator.deep in given.generators and given.matcher is not None:
+        _check_matcher(given.matcher, given.deep_network)
     return given
+
+
+def _check_matcher(matcher: str, deep_network: str) -> None:
+    """Refuse a matcher of another network at once, not when the first hard pair needs it; the
+    shipped ones belong together."""
+    if (matcher, deep_network) != (MATCHER, DEEP):
+        from skipnet.networks.catalog import find_deep, find_matcher
+
+        find_matcher(matcher, find_deep(deep_network, "deep_network"))

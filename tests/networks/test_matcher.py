@@ -18,6 +18,7 @@ from skipnet.networks.numpy_matcher import NumpyMatcher, matcher_shapes
 from skipnet.networks.relations import RELATIONS, relations
 from skipnet.networks.tokens import Tokens, tokens_of
 from skipnet.registration.options import Generator, RegistrationConfig
+from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.glimpses import EYES, glimpse
 from skipnet.simulation.seeds import DEEP_TEST
 from skipnet.skipmap.resolution import choose_voxel_size
@@ -161,6 +162,15 @@ def test_a_matcher_belongs_to_one_network(tmp_path: Path, weights: dict[str, Flo
         find_matcher(str(path), deep)
     with pytest.raises(ValueError, match="architecture is matcher, not"):
         find_network(str(path))
+    cloud_m = np.random.default_rng(0).random((500, 3))
+    for options, words in (
+        ({"matcher": str(path)}, "take matcher=null"),
+        ({"deep_network": "small"}, "expected a deep network"),
+    ):  # at once, whether or not it will be needed
+        with pytest.raises(ValueError, match=words):
+            register(cloud_m, cloud_m, config=RegistrationConfig(**options))
+    alone = RegistrationConfig([Generator.planes], matcher=str(path))
+    assert register(cloud_m, cloud_m, config=alone).status is not None
     with pytest.raises(ValueError, match="matcher=matchr: no such network or file; did you mean"):
         RegistrationConfig([Generator.deep], matcher="matchr")
     with pytest.raises(ValueError, match="architecture is deep, not matcher"):
