@@ -12,7 +12,7 @@ from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts, in_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.doubts import SURE_PAIR, Doubts
+from skipnet.projects.doubts import SURE_PAIR, Doubts, Telling
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.orders import configurations, first_configuration
 from skipnet.projects.repairs import repaired
@@ -86,14 +86,16 @@ class Decision:
 class Arbiter:
     """Decides which scans belong together."""
 
-    def __init__(self, joiner: Joiner, settle: Settle) -> None:
+    def __init__(self, joiner: Joiner, settle: Settle, telling: Telling) -> None:
         """Prepare to decide.
 
         Args:
             joiner: knows what pairs proposed.
             settle: aligns the scans of a group jointly.
+            telling: asked of scans of which others say too little.
         """
         self._joiner = joiner
+        self._telling = telling
         self._settle = settle
 
     def decide(self, scans: Iterable[int]) -> Decision:
@@ -109,7 +111,7 @@ class Arbiter:
 
     def _decision(self, groups: list[Group], standards: Standards, holds: bool) -> Decision:
         """What is left of groups when they are looked over."""
-        doubts = Doubts(self._joiner, standards, holds)
+        doubts = Doubts(self._joiner, standards, holds, self._telling)
         reliability = self.reliability(groups, standards)
         if standards.believes_one and not holds:
             return self._with_places(_apart(groups), doubts, reliability)

@@ -13,6 +13,7 @@ from skipnet.projects.assembly import Assembly, FinalLink, Place, Word, deviatio
 from skipnet.projects.graph import Balance, Link, closure_m, relative
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.links import settled
+from skipnet.projects.peculiarities import Peculiarities
 from skipnet.projects.schedule import Outcome, all_proposals, best
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
@@ -35,7 +36,8 @@ def decide(
     def settle(group: Group) -> Group:
         return replace(group, poses=settled(group, scans, joiner)[0].poses)
 
-    return joiner, Arbiter(joiner, settle).decide(range(len(scans)))
+    telling = Peculiarities(scans, joiner).agreeing
+    return joiner, Arbiter(joiner, settle, telling).decide(range(len(scans)))
 
 
 def assemble(

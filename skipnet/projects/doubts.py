@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,6 +24,11 @@ FIRM_WITNESSES = 3
 FIRM_OVERLAP = 0.3
 """... or by so much in all, if the group has three scans or more, and with a single one only where
 their pair registered: if the scan that belongs there is missing another may stand in its place."""
+PECULIAR = 50.0
+"""Two scans stand right to each other if so many fine voxels agree that those of another room would
+not. Of sets drawn from 14 development floors 30 scans stood in the place of another whose own scan
+was missing, with 21 at most, and of 1425 right ones 1230 have more; ``FIRM_WITNESSES`` and
+``FIRM_OVERLAP`` alone believe eleven of the 30 and 1111 of the others."""
 SURE_PAIR = 0.98
 """Confidence of a pair of narrow views that joins them. Of camera views of simulated kitchens, most
 of which share nothing, wrong pairs that registered had up to 0.977, seven in ten of the right ones
@@ -33,10 +39,16 @@ REMAINING_RIVAL = 0.5
 """Where much looks alike, a place with this share of another one's support is as good."""
 
 
+Telling = Callable[[Group, PairKey], float]
+"""How much agrees between two scans of a group that would not with one of another room."""
+
+
 class Doubts:
     """Looks groups over once they have grown."""
 
-    def __init__(self, joiner: Joiner, standards: Standards, holds: bool) -> None:
+    def __init__(
+        self, joiner: Joiner, standards: Standards, holds: bool, telling: Telling
+    ) -> None:
         """Prepare to look.
 
         Args:
@@ -44,8 +56,10 @@ class Doubts:
             standards: by which the groups grew.
             holds: whether what pairs say by themselves holds; where it does not, a scan is believed
                 only if others of its group say so, and no twin might stand in its place.
+            telling: asked of scans of which others say too little.
         """
         self._joiner = joiner
+        self._telling = telling
         self._holds = holds
         self.unsure: dict[PairKey, FloatArray] = {}
         """Pairs whose word would settle whether parts that came apart belong together, and (4, 4)
@@ -93,19 +107,34 @@ class Doubts:
         return {scan: [v for key, v in overlaps.items() if scan in key] for scan in group.scans}
 
     def _firm(self, group: Group) -> list[Group]:
-        """A group without the scans of which too few others say too little."""
-        if len(group.poses) < 2:
+        """A group in the parts that hang together for sure: those of which others say enough, and
+        who agrees with one of them, or with each other, in what only they have."""
+        firm = self._of_whom_enough_is_said(group)
+        if len(firm) == len(group.poses):
             return [group]
-        loose = [
-            scan
-            for scan, agree in self._agreeing(group).items()
-            if not self._is_firm(group, scan, agree)
+        tied = [
+            key
+            for key, overlap in self._joiner.overlaps(group).items()
+            if overlap >= MIN_OVERLAP
+            and not set(key) <= firm
+            and self._telling(group, key) >= PECULIAR
         ]
-        if not loose:
-            return [group]
-        rest = Group({s: T for s, T in group.poses.items() if s not in loose})
-        alone = [Group.single(scan) for scan in loose]
-        return alone + (self._firm(rest) if rest.poses else [])
+        together = pairwise(sorted(firm))
+        parts = components(group.scans, [*together, *tied])
+        return [Group({scan: group.poses[scan] for scan in part}) for part in parts]
+
+    def _of_whom_enough_is_said(self, group: Group) -> set[int]:
+        """The scans of a group without those of which too few others of these say too little."""
+        while len(group.poses) > 1:
+            firm = {
+                scan
+                for scan, agree in self._agreeing(group).items()
+                if self._is_firm(group, scan, agree)
+            }
+            if len(firm) == len(group.poses):
+                return firm
+            group = Group({scan: group.poses[scan] for scan in group.scans if scan in firm})
+        return set()
 
     def _is_firm(self, group: Group, scan: int, agree: list[float]) -> bool:
         """Whether others of a group say enough of a scan, by what agrees with each of them."""
