@@ -1,7 +1,7 @@
 """What agrees between two scans that would not, were one of them of another room.
 
 Walls, floors and doors agree in every alike room. What stands out from them, furniture above all,
-tells which room it is: it is counted by how few of the others agree with it where they look alike.
+tells which room it is, as far as hardly another scan agrees with it where both look alike.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ from skipnet.types import BoolArray, FloatArray, IntArray
 
 ALIKE = 0.3
 """A scan that agrees so far with another one elsewhere than where it stands looks like it there."""
+FEW_ALIKE = 2
+"""Of what fewer others look like nobody knows how many rooms have it."""
+COMMON = 0.1
+"""What so many of those others have, too, is common."""
 THROUGH_SHARE, THROUGH_VOXELS = 0.01, 0.5
 """A sensor looked through what is nearer by this share of the range and so many voxels."""
 _HERE_AND_AROUND = np.concatenate([np.zeros((1, 3), dtype=np.int64), AROUND])
@@ -42,12 +46,12 @@ class Peculiarities:
         self._out: dict[int, BoolArray] = {}
         self._again: dict[tuple[int, int, int], BoolArray] = {}
 
-    def agreeing(self, group: Group, key: PairKey) -> float:
+    def agreeing(self, group: Group, key: PairKey) -> int:
         """Fine voxels that stand out in one scan of a pair and are there again in the other, less
         those that are not though it looked through their places; the less of both ways.
 
-        Each counts by the share of the other scans that would not agree with it, where those look
-        alike: of walls and door frames next to nothing.
+        Only those count that are not common among the other scans where these look alike, as door
+        frames are.
 
         Args:
             group: where both stand.
@@ -57,9 +61,9 @@ class Peculiarities:
         ways = (key, T), (key[::-1], invert(T))
         return min(self._one_way(group, b, a, T_b_a) for (b, a), T_b_a in ways)
 
-    def _one_way(self, group: Group, b: int, a: int, T_b_a: FloatArray) -> float:
+    def _one_way(self, group: Group, b: int, a: int, T_b_a: FloatArray) -> int:
         """As ``agreeing``, of a's voxels."""
-        counts = 1 - self._common(group, a)
+        counts = self._is_rare(group, a)
         again, is_there = self._find(b, a, T_b_a)
         gone = np.zeros(len(again), dtype=bool)
         image = self._scans[b].evidence.range_image
@@ -67,18 +71,19 @@ class Peculiarities:
             points_m = self._points_m(a).astype(np.float32)
             free_m = THROUGH_VOXELS * self._joiner.witness.voxel_size_m
             gone = image.in_front(T_b_a[None], points_m, ~is_there[None], THROUGH_SHARE, free_m)[0]
-        return float(counts[again].sum() - counts[gone].sum())
+        return int(counts[again].sum()) - int(counts[gone].sum())
 
-    def _common(self, group: Group, scan: int) -> FloatArray:
-        """(N,) of each voxel that stands out in a scan the share of those others that have it, too,
-        where they look alike and do not stand."""
-        shares = np.zeros(len(self._rows(scan)))
+    def _is_rare(self, group: Group, scan: int) -> BoolArray:
+        """(N,) which of the voxels that stand out in a scan few of the others have, too, where they
+        look alike and do not stand; none where that cannot be told."""
         alike = [
             again
             for key in self._joiner.proposals
             if scan in key and (again := self._again_in_another(group, scan, key)) is not None
         ]
-        return np.mean(alike, axis=0) if alike else shares
+        if len(alike) < FEW_ALIKE:
+            return np.zeros(len(self._rows(scan)), dtype=bool)
+        return np.asarray(np.mean(alike, axis=0) < COMMON)
 
     def _again_in_another(self, group: Group, scan: int, key: PairKey) -> BoolArray | None:
         """(N,) which voxels are in the other scan of a pair wherever it looks alike and does not
@@ -110,7 +115,7 @@ class Peculiarities:
         found = self._scans[b].fine_cells.find_around(cells, _HERE_AND_AROUND)
         is_there = found >= 0
         again = (is_there & self._stands_out(b)[found]).any(axis=1)
-        return again, is_there.any(axis=1)
+        return np.asarray(again), np.asarray(is_there.any(axis=1))
 
     def _points_m(self, scan: int) -> FloatArray:
         """(N, 3) the voxels that stand out, in the scan's own frame."""
