@@ -14,7 +14,8 @@ from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
 from skipnet.projects.configurations import Configuration
 from skipnet.projects.decision import Decision
-from skipnet.projects.doubts import SURE_PAIR, Doubts, Telling
+from skipnet.projects.doubts import SURE_PAIR, Doubts
+from skipnet.projects.firmness import Telling
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.orders import configurations, first_configuration
 from skipnet.projects.repairs import repaired
