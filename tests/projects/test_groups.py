@@ -17,7 +17,7 @@ from skipnet.geometry import (
 from skipnet.projects import testimony
 from skipnet.projects.arbiter import Arbiter
 from skipnet.projects.builder import Builder, edges_of
-from skipnet.projects.components import components
+from skipnet.projects.components import bridges, components
 from skipnet.projects.configurations import all_alone
 from skipnet.projects.doubts import Doubts
 from skipnet.projects.firmness import PECULIAR
@@ -400,3 +400,17 @@ def test_components_are_those_that_scipy_finds():
     rows, columns = np.array(edges).T
     count = connected_components(coo_matrix((np.ones(len(edges)), (rows, columns)), (12, 12)))[0]
     assert len(components(range(12), edges)) == count > 1
+
+
+def test_bridges_are_the_edges_without_which_a_graph_comes_apart():
+    rng = np.random.default_rng(8)
+    for count in (1, 2, 5, 9, 9, 9):
+        drawn = rng.integers(0, count, size=(count + 3, 2))
+        edges = sorted({(int(min(e)), int(max(e))) for e in drawn if e[0] != e[1]})
+        whole = len(components(range(count), edges))
+        needed = [
+            edge
+            for edge in edges
+            if len(components(range(count), [one for one in edges if one != edge])) > whole
+        ]
+        assert bridges(range(count), edges) == needed
