@@ -19,8 +19,8 @@ PECULIAR = 30
 """Two scans stand right to each other if so many fine voxels agree that those of another room would
 not. Of sets drawn from 14 development floors 29 scans stood in the place of another whose own scan
 was missing, with 10 at most that agreed with one that stood right; on two more floors two did, with
-3. ``FIRM_WITNESSES`` and ``FIRM_OVERLAP`` alone believe ten of the 29. Measured afterwards, one of 296
-stood wrong with 61, in a long corridor."""
+3. ``FIRM_WITNESSES`` and ``FIRM_OVERLAP`` alone believe ten of the 29. Of 296 that were measured
+afterwards one stood wrong, with 61, in a long corridor: these believe it as well."""
 Telling = Callable[[Group, PairKey], int]
 """How many fine voxels of two scans of a group agree that would not with those of another room."""
 
