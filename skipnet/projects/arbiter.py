@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -12,12 +12,15 @@ from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts, in_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
+from skipnet.projects.configurations import Configuration
+from skipnet.projects.decision import Decision
 from skipnet.projects.doubts import SURE_PAIR, Doubts
+from skipnet.projects.firmness import Telling
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.orders import configurations, first_configuration
 from skipnet.projects.repairs import repaired
 from skipnet.projects.tightening import Settle, tightened
-from skipnet.projects.ways import MOST_OVERLAP, PairKey, Standards, rivals
+from skipnet.projects.ways import MOST_OVERLAP, Standards, rivals
 from skipnet.types import FloatArray
 
 LENIENT = Standards(limit=0.0125, rival_support=0.65, severity=1.0, believes_one=True)
@@ -60,40 +63,27 @@ HOPELESS = 4.0
 MAX_ROUNDS = 5
 
 
-@dataclass(frozen=True)
-class Decision:
-    """Groups of scans, the largest first, and what is in doubt."""
-
-    groups: list[Group]
-    """Those of one scan included."""
-    places: Mapping[int, list[FloatArray]]
-    """Of every scan in doubt, where it may stand, the likeliest first: (4, 4) poses of its own
-    frame in that of the group ``host`` ..."""
-    host: Mapping[int, int]
-    """... whose lowest scan number this is."""
-    reliability: float
-    """Share of the registered pairs that hold, of those that could be told."""
-    unsure: Mapping[PairKey, FloatArray] = field(default_factory=dict)
-    """Pairs whose word would settle whether groups belong together, and (4, 4) the pose of the
-    second scan's own frame in the first one's that they would have."""
-
-    @property
-    def placed(self) -> int:
-        """Scans that stand in a group with others."""
-        return sum(len(group.poses) for group in self.groups if len(group.poses) > 1)
+Known = dict[Standards, list[Configuration]]
+"""What was found by which standards, the best first."""
 
 
 class Arbiter:
     """Decides which scans belong together."""
 
-    def __init__(self, joiner: Joiner, settle: Settle) -> None:
+    def __init__(
+        self, joiner: Joiner, settle: Settle, telling: Telling, known: Known | None = None
+    ) -> None:
         """Prepare to decide.
 
         Args:
             joiner: knows what pairs proposed.
             settle: aligns the scans of a group jointly.
+            telling: asked of scans of which others say too little.
+            known: what was found when less was proposed, and what is found now.
         """
         self._joiner = joiner
+        self._telling = telling
+        self._known = {} if known is None else known
         self._settle = settle
 
     def decide(self, scans: Iterable[int]) -> Decision:
@@ -109,7 +99,7 @@ class Arbiter:
 
     def _decision(self, groups: list[Group], standards: Standards, holds: bool) -> Decision:
         """What is left of groups when they are looked over."""
-        doubts = Doubts(self._joiner, standards, holds)
+        doubts = Doubts(self._joiner, standards, holds, self._telling)
         reliability = self.reliability(groups, standards)
         if standards.believes_one and not holds:
             return self._with_places(_apart(groups), doubts, reliability)
@@ -207,7 +197,10 @@ class Arbiter:
     def _searched(self, scans: list[int], standards: Standards) -> list[Group]:
         """The groups of which most agrees, in parts about which nothing else is as good."""
         joiner = self._joiner
-        best, *others = configurations(scans, joiner.proposals, joiner.witness, standards)
+        asked = scans, joiner.proposals, joiner.witness, standards
+        best, *others = self._known[standards] = configurations(
+            *asked, self._known.get(standards, ())
+        )
         parts = numbered(common_parts(best, others, joiner))
         groups = tightened(best.groups, joiner, self._settle, standards)
         groups = joiner.grow(groups, standards)

@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from skipnet.geometry import invert
-from skipnet.projects.arbiter import Arbiter, Decision
+from skipnet.projects.arbiter import Arbiter, Known
 from skipnet.projects.assembly import Assembly, FinalLink, Place, Word, deviation, numbered
+from skipnet.projects.decision import Decision
 from skipnet.projects.graph import Balance, Link, closure_m, relative
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.links import settled
+from skipnet.projects.peculiarities import Peculiarities
 from skipnet.projects.schedule import Outcome, all_proposals, best
 from skipnet.projects.ways import PairKey
 from skipnet.projects.witness import Witness
@@ -21,7 +23,10 @@ from skipnet.types import FloatArray, Status
 
 
 def decide(
-    outcomes: Mapping[PairKey, Sequence[Outcome]], scans: Sequence[Scan], witness: Witness
+    outcomes: Mapping[PairKey, Sequence[Outcome]],
+    scans: Sequence[Scan],
+    witness: Witness,
+    known: Known | None = None,
 ) -> tuple[Joiner, Decision]:
     """What pairs propose, and the groups that come of it.
 
@@ -29,13 +34,15 @@ def decide(
         outcomes: of every pair that counts.
         scans: all scans.
         witness: asks them about poses.
+        known: what was found of the same scans when less was proposed; what is found now is added.
     """
     joiner = Joiner(all_proposals(outcomes, scans, witness), witness)
 
     def settle(group: Group) -> Group:
         return replace(group, poses=settled(group, scans, joiner)[0].poses)
 
-    return joiner, Arbiter(joiner, settle).decide(range(len(scans)))
+    telling = Peculiarities(scans, joiner).agreeing
+    return joiner, Arbiter(joiner, settle, telling, known).decide(range(len(scans)))
 
 
 def assemble(

@@ -10,6 +10,7 @@ import numpy as np
 from skipnet.geometry import invert
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
+from skipnet.projects.firmness import FIRM_WITNESSES, Firmness, Telling, confidence
 from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.motions import rival_split
 from skipnet.projects.places import places
@@ -18,11 +19,6 @@ from skipnet.projects.witness import MIN_OVERLAP, STRAY_SHARE
 from skipnet.registration.result import Registration
 from skipnet.types import FloatArray, Status
 
-FIRM_WITNESSES = 3
-"""Where much looks alike, a scan is believed that overlaps with so many others of its group, ..."""
-FIRM_OVERLAP = 0.3
-"""... or by so much in all, if the group has three scans or more, and with a single one only where
-their pair registered: if the scan that belongs there is missing another may stand in its place."""
 SURE_PAIR = 0.98
 """Confidence of a pair of narrow views that joins them. Of camera views of simulated kitchens, most
 of which share nothing, wrong pairs that registered had up to 0.977, seven in ten of the right ones
@@ -36,7 +32,7 @@ REMAINING_RIVAL = 0.5
 class Doubts:
     """Looks groups over once they have grown."""
 
-    def __init__(self, joiner: Joiner, standards: Standards, holds: bool) -> None:
+    def __init__(self, joiner: Joiner, standards: Standards, holds: bool, telling: Telling) -> None:
         """Prepare to look.
 
         Args:
@@ -44,8 +40,10 @@ class Doubts:
             standards: by which the groups grew.
             holds: whether what pairs say by themselves holds; where it does not, a scan is believed
                 only if others of its group say so, and no twin might stand in its place.
+            telling: asked of scans of which others say too little.
         """
         self._joiner = joiner
+        self._firmness = Firmness(joiner, holds, telling)
         self._holds = holds
         self.unsure: dict[PairKey, FloatArray] = {}
         """Pairs whose word would settle whether parts that came apart belong together, and (4, 4)
@@ -76,7 +74,7 @@ class Doubts:
                 else:
                     left += [Group({scan: rest.poses[scan] for scan in side}) for side in split]
         if not self.standards.believes_one:
-            kept = [part for group in kept for part in self._firm(group)]
+            kept = [part for group in kept for part in self._firmness.parts(group)]
         kept = [group if len(group.poses) > 1 else Group.single(group.scans[0]) for group in kept]
         return sorted(kept, key=lambda group: (-len(group.poses), group.scans))
 
@@ -86,47 +84,6 @@ class Doubts:
         if len(group.poses) < 2 or not self.standards.believes_one:
             return None
         return rival_split(group, self._joiner, self.standards)
-
-    def _agreeing(self, group: Group) -> dict[int, list[float]]:
-        """Of each scan the shares that agree with others of its group, where worth mentioning."""
-        overlaps = {k: v for k, v in self._joiner.overlaps(group).items() if v >= MIN_OVERLAP}
-        return {scan: [v for key, v in overlaps.items() if scan in key] for scan in group.scans}
-
-    def _firm(self, group: Group) -> list[Group]:
-        """A group without the scans of which too few others say too little."""
-        if len(group.poses) < 2:
-            return [group]
-        loose = [
-            scan
-            for scan, agree in self._agreeing(group).items()
-            if not self._is_firm(group, scan, agree)
-        ]
-        if not loose:
-            return [group]
-        rest = Group({s: T for s, T in group.poses.items() if s not in loose})
-        alone = [Group.single(scan) for scan in loose]
-        return alone + (self._firm(rest) if rest.poses else [])
-
-    def _is_firm(self, group: Group, scan: int, agree: list[float]) -> bool:
-        """Whether others of a group say enough of a scan, by what agrees with each of them."""
-        if len(agree) >= FIRM_WITNESSES:
-            return True
-        is_registered = self._is_registered(group, scan)
-        says_enough = len(group.poses) >= 3 and sum(agree) >= FIRM_OVERLAP
-        return (says_enough and (len(agree) > 1 or is_registered)) or (
-            self._holds and is_registered
-        )
-
-    def _is_registered(self, group: Group, scan: int) -> bool:
-        """Whether a pair that registered by itself puts a scan where it is."""
-        return any(self._confidence(group, key) > 0 for key in self._joiner.voters(group, scan))
-
-    def _confidence(self, group: Group, key: PairKey) -> float:
-        """Of a pair that registered by itself as it lies in its group; else 0."""
-        pair = self._joiner.proposals.get(key)
-        if pair is None or pair.confidence == 0 or not self._joiner.proposed(group, key)[0]:
-            return 0.0
-        return pair.confidence
 
     def _sure(self, group: Group, group_of: Mapping[int, Group]) -> Group:
         """A group without the scans that would fit elsewhere."""
@@ -198,7 +155,7 @@ class Doubts:
             key
             for key, overlap in self._joiner.overlaps(group).items()
             if overlap >= MIN_OVERLAP
-            and (all_round & set(key) or self._confidence(group, key) >= SURE_PAIR)
+            and (all_round & set(key) or confidence(self._joiner, group, key) >= SURE_PAIR)
         ]
 
     def _note_unsure(self, group: Group, parts: list[list[int]]) -> None:

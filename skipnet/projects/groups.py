@@ -14,8 +14,9 @@ import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.sameness import SAME_VOXELS, leaders, same_place
+from skipnet.projects.testimony import Testimony
 from skipnet.projects.ways import PairKey, Standards, Way, rivals
-from skipnet.projects.witness import Testimony, Witness
+from skipnet.projects.witness import Witness
 from skipnet.types import BoolArray, FloatArray
 
 MAX_WAYS = 12
@@ -64,7 +65,7 @@ class Group:
 
     def without(self, scan: int) -> Group:
         """The others where they are; the support is not known anew."""
-        return Group({other: T for other, T in self.poses.items() if other != scan})
+        return Group({s: T for s, T in self.poses.items() if s != scan})
 
     @staticmethod
     def single(scan: int) -> Group:
@@ -99,8 +100,7 @@ class Joiner:
             ]
             if not ranked:
                 return sorted(left.values(), key=lambda group: (-len(group.poses), group.scans))
-            _, first, second = max(ranked)
-            key = (-first, -second)
+            key = -max(ranked)[1], -max(ranked)[2]
             way = open_joins[key]
             assert way is not None
             joined = join(*_both(left, key), way)

@@ -13,8 +13,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from skipnet.geometry import invert
+from skipnet.projects.builder import Builder, edges_of
 from skipnet.projects.components import components
-from skipnet.projects.configurations import ALONE, Builder, Configuration, all_alone, edges_of
+from skipnet.projects.configurations import ALONE, Configuration, all_alone
 from skipnet.projects.groups import Proposals
 from skipnet.projects.sameness import SAME_VOXELS
 from skipnet.projects.ways import PairKey, Standards
@@ -61,22 +62,27 @@ def configurations(
     proposals: Mapping[PairKey, Proposals],
     witness: Witness,
     standards: Standards,
+    known: Sequence[Configuration] = (),
 ) -> list[Configuration]:
     """The best configuration that is found, and after it others that are about as good.
 
-    The same scans and proposals give the same ones.
+    The same arguments give the same ones.
 
     Args:
         scans: all of them.
         proposals: what pairs proposed.
         witness: asks scans about poses.
         standards: what a join must fulfil.
+        known: what was found by the same standards before some more was proposed, the best first;
+            if there is anything, one search goes on from that.
     """
     builder = Builder(edges_of(proposals, witness, standards), witness, standards)
     rng, alone = np.random.default_rng(0), all_alone(scans)
-    found: dict[bytes, Configuration] = {}
-    starts = [builder.build(alone, None)]
-    for _ in range(ATTEMPTS):
+    found = {_name(one, witness): one for one in known}
+    if known:
+        _search(builder.build(known[0], None), builder, rng, found)
+    starts = [] if known else [builder.build(alone, None)]
+    for _ in range(0 if known else ATTEMPTS):
         starts += [builder.build(alone, rng) for _ in range(FRESH)]
         _search(max(starts, key=_merit), builder, rng, found)
         starts = []

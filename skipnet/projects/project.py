@@ -8,10 +8,11 @@ from dataclasses import replace
 
 from skipnet.checks import as_path, check_seed, require
 from skipnet.networks.catalog import find_network
-from skipnet.projects.arbiter import Decision
+from skipnet.projects.arbiter import Known
 from skipnet.projects.assembly import Assembly
 from skipnet.projects.blocks import Workers
 from skipnet.projects.deciding import assemble, between_given, decide
+from skipnet.projects.decision import Decision
 from skipnet.projects.doubts import is_sure
 from skipnet.projects.groups import Joiner
 from skipnet.projects.priors import Priors
@@ -146,12 +147,13 @@ class Project:
             about = {key: [outcome] for key, outcome in found.items()}
             if more is not None:
                 self._searches.search(chosen, more, 1, "pairs said to overlap", tell)
-        joiner, decision = self._decide(witness, keys, chosen, about, tell, clock)
+        known: Known = {}
+        joiner, decision = self._decide(witness, known, keys, chosen, about, tell, clock)
         if more is not None and len(decision.groups) > 1:
             with clock("pairs"):
                 chosen = sorted({*chosen, *worth_searching(decision, joiner, self._priors)})
                 self._searches.search(chosen, more, 1, "pairs between groups", tell)
-            joiner, decision = self._decide(witness, keys, chosen, about, tell, clock)
+            joiner, decision = self._decide(witness, known, keys, chosen, about, tell, clock)
         with clock("pose graph"):
             used = self._known(keys, keys, about)
             result = assemble(decision, joiner, used, self._scans, clock.seconds)
@@ -180,6 +182,7 @@ class Project:
     def _decide(
         self,
         witness: Witness,
+        known: Known,
         keys: Sequence[PairKey],
         more: Sequence[PairKey],
         about: dict[PairKey, list[Outcome]],
@@ -193,6 +196,7 @@ class Project:
 
         Args:
             witness: asks scans about poses.
+            known: configurations that were found; what is found here is added.
             keys: the pairs that count.
             more: those of which the second outcome counts.
             about: what searching pairs about poses found; what is asked here and sure is added.
@@ -201,7 +205,7 @@ class Project:
         """
         tell("groups", 0, 1)
         with clock("groups"):
-            joiner, decision = decide(self._known(keys, more, about), self._scans, witness)
+            joiner, decision = decide(self._known(keys, more, about), self._scans, witness, known)
         with clock("pairs"):
             asked = {
                 (a, b): Prior(between_given(self._scans[a], T, self._scans[b]))
@@ -214,7 +218,9 @@ class Project:
                 about.setdefault(key, []).append(outcome)
             tell("groups", 0, 1)
             with clock("groups"):
-                joiner, decision = decide(self._known(keys, more, about), self._scans, witness)
+                joiner, decision = decide(
+                    self._known(keys, more, about), self._scans, witness, known
+                )
         return joiner, decision
 
     def _known(

@@ -8,7 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from skipnet.projects.arbiter import STRICT, Decision
+from skipnet.projects.arbiter import STRICT
+from skipnet.projects.decision import Decision
 from skipnet.projects.groups import Group, Joiner, in_order
 from skipnet.projects.priors import Priors
 from skipnet.projects.ways import PairKey, rivals

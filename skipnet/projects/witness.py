@@ -4,11 +4,12 @@ contradicted. One question takes about a millisecond."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from skipnet.geometry import invert, transform_points
+from skipnet.projects.testimony import Testimony
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import FINE
 from skipnet.scans.evidence import Evidence
@@ -21,8 +22,6 @@ SURE = replace(FINE, min_facing_cosine=0.26)
 right poses contradict, outweigh the furniture of alike rooms, which wrong ones do."""
 STRAY_SHARE = 0.0005
 """Of all voxels of a pair so many contradict by chance: two of 4000."""
-LITTLE_OVERLAP = 0.1
-"""Added to what agrees: of scans that share next to nothing a stray voxel says little."""
 MIN_OVERLAP = 0.03
 """A pair of scans of which less agrees says nothing for a place."""
 GLANCE_SAMPLES = 1000
@@ -45,27 +44,8 @@ _WEIGHT = 10.0
 """Of violations in the judge's total, which nobody asks for here."""
 
 
-@dataclass(frozen=True)
-class Testimony:
-    """What pairs of scans say of C poses of some scans against others; every array is (C,)."""
-
-    support: FloatArray
-    """Sum over the pairs of the share of both scans' surfaces that agree."""
-    excess: FloatArray
-    """Sum over the pairs of the share that contradicts seen free space, beyond stray voxels."""
-    worst: FloatArray
-    """Largest excess of a single pair."""
-    witnesses: IntArray
-    """Pairs of which a share agrees that is worth mentioning."""
-    closest: FloatArray
-    """Largest share that agrees of a single pair."""
-
-    @property
-    def contradiction(self) -> FloatArray:
-        """What contradicts, 0 to 1: of all that can be compared, or in a single pair."""
-        pooled = self.excess / (self.support + LITTLE_OVERLAP)
-        worst: FloatArray = np.maximum(pooled, self.worst)
-        return worst
+Figures = tuple[float, float]
+"""Overlap and violation."""
 
 
 class Witness:
@@ -74,8 +54,8 @@ class Witness:
     def __init__(self, evidence: Sequence[Evidence]) -> None:
         self._evidence = evidence
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
-        self._about: dict[tuple[int, int, bytes], tuple[float, float]] = {}
-        self._at_a_glance: dict[tuple[int, int, bytes], tuple[float, float]] = {}
+        self._about: dict[tuple[int, int, bytes], Figures] = {}
+        self._at_a_glance: dict[tuple[int, int, bytes], Figures] = {}
         self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
         self.voxel_size_m = evidence[0].voxel_size_m
         # Of each scan (4, 3) what tells one pose from another: two axes and the centre, in steps.
@@ -86,6 +66,10 @@ class Witness:
         self._told_by[:, :, 2] /= _SAME_SHIFT_VOXELS * self.voxel_size_m
         self.hopeless = np.inf
         """A single pair that contradicts by more ends the matter."""
+        images = [one.range_image for one in evidence]
+        self._stations_m = np.array(
+            [np.full(3, np.nan) if image is None else image.viewpoint_m for image in images]
+        )
         self.reach_m = [
             float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
             for one, centre_m in zip(evidence, self.centres_m, strict=True)
@@ -96,15 +80,15 @@ class Witness:
         image = self._evidence[scan].range_image
         return image is not None and float(np.mean(image.nearest_m > 0)) >= ALL_ROUND
 
-    def same_station(self, target: int, source: int, T_target_source: FloatArray) -> BoolArray:
+    def same_station(
+        self, target: int | IntArray, source: int | IntArray, T_target_source: FloatArray
+    ) -> BoolArray:
         """(C,) whether both sensors stand in one place under (C, 4, 4) poses: one scan, given or
         taken twice; those of two alike rooms are hardly taken from the same place in each."""
-        images = [self._evidence[scan].range_image for scan in (target, source)]
-        if images[0] is None or images[1] is None:
-            return np.zeros(len(T_target_source), dtype=bool)
-        place_m = T_target_source[:, :3, :3] @ images[1].viewpoint_m + T_target_source[:, :3, 3]
-        apart_m = np.linalg.norm(place_m - images[0].viewpoint_m, axis=1)
-        same: BoolArray = apart_m < STATION_VOXELS * self.voxel_size_m
+        T, source_m = T_target_source, self._stations_m[source]
+        place_m = np.squeeze(T[:, :3, :3] @ source_m[..., None], -1) + T[:, :3, 3]
+        apart_m = np.linalg.norm(place_m - self._stations_m[target], axis=1)
+        same: BoolArray = apart_m < STATION_VOXELS * self.voxel_size_m  # never of unknown places
         return same
 
     def pair(self, target: int, source: int, T_target_source: FloatArray) -> FloatArray:
@@ -117,38 +101,55 @@ class Witness:
                 self._said[keys[row]] = figures
         return np.array([self._said[key] for key in keys]).reshape(-1, 2).T
 
-    def about(self, target: int, source: int, T_target_source: FloatArray) -> tuple[float, float]:
-        """Overlap and violation of a (4, 4) pose, or of one by a third of a voxel beside it that
-        has been asked about; at a glance where that is refuted without doubt."""
-        steps = T_target_source[:3] @ self._told_by[source]
-        key = target, source, np.rint(steps).astype(np.int32).tobytes()
-        if key not in self._about:
-            if key not in self._at_a_glance:
-                seen = self._ask(target, source, T_target_source[None], GLANCE_SAMPLES)[:, 0]
-                self._at_a_glance[key] = float(seen[0]), float(seen[1])
-            overlap, violation = self._at_a_glance[key]
-            if violation > GROSS * self.hopeless or overlap == violation == 0:
-                return overlap, violation
-            said = self._ask(target, source, T_target_source[None])[:, 0]
-            self._about[key] = float(said[0]), float(said[1])
+    def about(
+        self, targets: IntArray, sources: IntArray, T_target_source: FloatArray
+    ) -> Iterator[tuple[float, float]]:
+        """Overlap and violation of (P,) pairs under (P, 4, 4) poses, or under others by a third of
+        a voxel beside them that have been asked about; at a glance where that refutes without
+        doubt. Nobody is asked before it is taken."""
+        steps = np.rint(T_target_source[:, :3] @ self._told_by[sources]).astype(np.int32)
+        pairs = zip(targets.tolist(), sources.tolist(), steps, strict=True)
+        for row, (target, source, step) in enumerate(pairs):
+            key = target, source, step.tobytes()
+            yield self._about.get(key) or self._asked(key, T_target_source[row])
+
+    def _asked(self, key: tuple[int, int, bytes], T_target_source: FloatArray) -> Figures:
+        """See ``about``."""
+        target, source, _ = key
+        if key not in self._at_a_glance:
+            seen = self._ask(target, source, T_target_source[None], GLANCE_SAMPLES)[:, 0]
+            self._at_a_glance[key] = float(seen[0]), float(seen[1])
+        overlap, violation = self._at_a_glance[key]
+        if violation > GROSS * self.hopeless or overlap == violation == 0:
+            return overlap, violation
+        said = self._ask(target, source, T_target_source[None])[:, 0]
+        self._about[key] = float(said[0]), float(said[1])
         return self._about[key]
 
     def meeting(
-        self, targets: Mapping[int, FloatArray], sources: Mapping[int, FloatArray]
-    ) -> Iterator[tuple[int, int, FloatArray]]:
-        """Pairs of scans that may see the same, with (4, 4) the pose of the second's frame in that
-        of the first, the smaller number; the nearest pairs first.
+        self,
+        targets: Sequence[int],
+        T_targets: FloatArray,
+        sources: Sequence[int],
+        T_sources: FloatArray,
+    ) -> tuple[IntArray, IntArray, FloatArray]:
+        """Pairs of scans of two groups that may see the same, the nearest first.
 
         Args:
-            targets: (4, 4) pose of each scan.
-            sources: likewise, in the same frame.
+            targets: T scans of one group.
+            T_targets: (T, 4, 4) their poses.
+            sources: S scans of the other one.
+            T_sources: (S, 4, 4) likewise, in the same frame.
+
+        Returns:
+            (P,) the smaller number of each pair, (P,) the larger one, and (P, 4, 4) the pose of the
+            second's frame in that of the first.
         """
-        firsts, seconds = np.array(list(targets)), np.array(list(sources))
-        of_firsts, of_seconds = (np.stack(list(poses.values())) for poses in (targets, sources))
+        firsts, seconds = np.asarray(targets), np.asarray(sources)
         centres_m, reach_m = np.asarray(self.centres_m), np.asarray(self.reach_m)
         here_m, there_m = (
-            np.einsum("sij,sj->si", T[:, :3, :3], centres_m[scans]) + T[:, :3, 3]
-            for T, scans in ((of_firsts, firsts), (of_seconds, seconds))
+            np.squeeze(T[:, :3, :3] @ centres_m[scans][..., None], -1) + T[:, :3, 3]
+            for T, scans in ((T_targets, firsts), (T_sources, seconds))
         )
         apart_m = np.linalg.norm(here_m[:, None] - there_m, axis=2)
         i, k = np.nonzero(apart_m < np.add.outer(reach_m[firsts], reach_m[seconds]))
@@ -158,11 +159,9 @@ class Witness:
         in_order = (a < b)[:, None, None]
         T_a, T_b = (
             np.where(in_order, one, other)
-            for one, other in ((of_firsts[i], of_seconds[k]), (of_seconds[k], of_firsts[i]))
+            for one, other in ((T_targets[i], T_sources[k]), (T_sources[k], T_targets[i]))
         )
-        yield from zip(
-            np.minimum(a, b).tolist(), np.maximum(a, b).tolist(), invert(T_a) @ T_b, strict=True
-        )
+        return np.minimum(a, b), np.maximum(a, b), invert(T_a) @ T_b
 
     def judge(self, target: int, source: int, samples: int = SAMPLES) -> Judge:
         """The judge of one pair."""

@@ -52,6 +52,18 @@ def test_all_scans_are_found_where_they_are_however_the_first_joins_mislead():
     assert [one.merit for one in again] == [one.merit for one in (best, *others)]
 
 
+def test_a_search_goes_on_from_what_was_found_when_less_was_proposed():
+    plan = Plan(6)
+    proposals = plan.proposals([key for key in near(6) if 5 not in key])
+    known = configurations(range(6), proposals, plan, STRICT)
+    assert [group.scans for group in known[0].groups] == [[0, 1, 2, 3, 4], [5]]
+    again = configurations(range(6), plan.proposals(near(6)), plan, STRICT, known)
+    assert [group.scans for group in again[0].groups] == [[0, 1, 2, 3, 4, 5]]
+    assert again[0].merit == pytest.approx(5 * 0.3 + 4 * 0.2)
+    merits = [one.merit for one in again]
+    assert merits == sorted(merits, reverse=True)
+
+
 def test_nothing_is_joined_that_any_scan_contradicts():
     plan = Plan(4)
     lies = {(0, 1): plan.proposal((0, 1), [plan.true(0, 1) @ ASIDE])}
