@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -109,7 +107,17 @@ def test_a_place_is_looked_through_if_no_ray_beside_it_ends_before():
 
 
 @pytest.mark.parametrize(
-    ("gone", "again", "is_another"), [(5, 8, True), (5, 9, False), (4, 0, False)]
+    ("gone", "again", "parts", "share", "is_another"),
+    [
+        (5, 8, 5, 0.05, True),
+        (5, 9, 5, 0.05, False),  # most is there again
+        (5, 0, 5, 0.02, False),  # a few books of a library
+        (4, 0, 4, 0.05, False),
+        (12, 30, 15, 0.2, True),  # beds and lockers are there again, what lies on them is not
+        (12, 30, 15, 0.05, False),
+        (0, 0, 4, 0.5, True),
+        (0, 0, 3, 0.9, False),  # a car or a chair
+    ],
 )
-def test_most_of_what_lies_about_must_be_gone(gone, again, is_another):
-    assert replace(Pieces.none(), again=again, gone_m=np.ones((gone, 3))).is_another == is_another
+def test_most_of_what_lies_about_must_be_gone(gone, again, parts, share, is_another):
+    assert Pieces(again, np.ones((gone, 3)), parts, share).is_another == is_another

@@ -100,7 +100,7 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
         ({"forks_m": np.ones((1, 3))}, "ambiguous", "at (1, 1, 1) in the target's frame"),
         ({"furnishing": Furnishing(6, np.ones((7, 3)))}, "ambiguous", "7 small things stand in"),
         ({"furnishing": Furnishing(9, np.ones((5, 3)), 1, 4)}, "ambiguous", "4 small things stand"),
-        ({"pieces": Pieces(8, np.ones((5, 3)))}, "ambiguous", "5 small things stand in"),
+        ({"pieces": Pieces(8, np.ones((5, 3)), 5, 0.1)}, "ambiguous", "5 small things stand in"),
         ({"seen_again": 0.7, "is_sparse": True}, "ambiguous", "rides with the sensor"),
         ({"seen_again": 0.7, "riding_worth": 50.0}, "ambiguous", "rides with the sensor"),
     ],

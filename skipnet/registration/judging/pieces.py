@@ -26,11 +26,12 @@ BESIDE_VOXELS, BEHIND_VOXELS = 0.6, 1.5
 """A place was looked through if all rays that pass by it so near end so far behind it ..."""
 IS_LOOKED_THROUGH = 0.6
 """... and a piece if so many of its voxels were. Rays that end before it say nothing."""
-MIN_GONE, GONE_PER_AGAIN = 5, 0.6
-"""So many pieces gone, and so many for each thing that is there again, are most of what lies about:
-see docs/judge.md."""
+FEW, MANY = (5, 0.6, 0.025), (12, 0.3, 0.1)
+"""So many small pieces gone, so many for each thing that is there again, and such a share of all
+that stands out, are most of what lies about. Where many are gone, fewer will do for each that is
+there again: furniture that is the same is, too."""
 MIN_PARTS, MOST_SHARE = 4, 0.45
-"""So many pieces of any size gone, and so much of all that stands out, are most of it."""
+"""So many pieces of any size gone, and such a share of all that stands out, are most of it."""
 _HERE_AND_AROUND = np.concatenate([np.zeros((1, 3), dtype=np.int64), AROUND])
 
 
@@ -58,8 +59,11 @@ class Pieces:
     def is_another(self) -> bool:
         """Most of what lies about in either scan is not in the other one."""
         gone = len(self.gone_m)
-        is_other = self.parts >= MIN_PARTS and self.share > MOST_SHARE
-        return is_other or MIN_GONE <= gone > GONE_PER_AGAIN * self.again
+        most = self.parts >= MIN_PARTS and self.share > MOST_SHARE
+        return most or any(
+            gone >= least and gone > per_again * self.again and self.share > share
+            for least, per_again, share in (FEW, MANY)
+        )
 
 
 def compare_pieces(T_target_source: FloatArray, source: Scan, target: Scan) -> Pieces:
@@ -74,7 +78,7 @@ def compare_pieces(T_target_source: FloatArray, source: Scan, target: Scan) -> P
     back_m, *back = _gone(T_source_target, target, source)
     gone_m = np.concatenate([there_m, transform_points(T_target_source, back_m)])
     again = 0
-    if len(gone_m) >= MIN_GONE:  # else it does not matter
+    if len(gone_m) >= FEW[0]:  # else it does not matter
         again = count_again(T_target_source, source, target)
         again += count_again(T_source_target, target, source)
     parts, voxels, others = np.add(there, back)
