@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skipnet.geometry import invert, transform_points
-from skipnet.registration.judging.pieces import Pieces, _ends_behind, compare_pieces
+from skipnet.registration.judging.pieces import _HALF_SLICES, Pieces, _ends_behind, compare_pieces
 from skipnet.registration.pipeline import register
 from skipnet.scans.describing import describe
 from skipnet.simulation.situations.making import between, block, caster_of, rings, see, upright
@@ -97,13 +97,14 @@ def test_nobody_can_tell_what_an_unknown_sensor_looked_through():
 def test_a_place_is_looked_through_if_no_ray_beside_it_ends_before():
     rng = np.random.default_rng(0)
     asked, ways = (v / np.linalg.norm(v, axis=1)[:, None] for v in rng.normal(size=(2, 400, 3)))
-    ways = ways[np.argsort(ways[:, 0])]
+    slices = ((ways[:, 0] + 1) * _HALF_SLICES).astype(np.int16)
+    ways, slices = ways[np.argsort(slices)], np.sort(slices)
     wide, least_m, ranges_m = rng.uniform(0.02, 0.3, 400), rng.uniform(1, 3, 400), np.full(400, 2.9)
     ranges_m[::7] = 1.5
     near = np.linalg.norm(asked[:, None] - ways, axis=2) < wide[:, None]
     expected = near.any(axis=1) & (~near | (ranges_m > least_m[:, None])).all(axis=1)
     assert 0 < expected.sum() < near.any(axis=1).sum()
-    assert (_ends_behind(asked, wide, least_m, ways, ranges_m) == expected).all()
+    assert (_ends_behind(asked, wide, least_m, ways, ranges_m, slices) == expected).all()
 
 
 @pytest.mark.parametrize(

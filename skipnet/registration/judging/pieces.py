@@ -32,6 +32,8 @@ that stands out, are most of what lies about. Where many are gone, fewer will do
 there again: furniture that is the same is, too."""
 MIN_PARTS, MOST_SHARE = 4, 0.45
 """So many pieces of any size gone, and such a share of all that stands out, are most of it."""
+_HALF_SLICES = 2000
+"""Rays are sorted by so many slices of the directions' x, twice."""
 _HERE_AND_AROUND = np.concatenate([np.zeros((1, 3), dtype=np.int64), AROUND])
 
 
@@ -98,7 +100,7 @@ def _gone(T_b_a: FloatArray, a: Scan, b: Scan) -> tuple[FloatArray, int, int, in
     order = np.argsort(of, kind="stable")
     rows, of, near = rows[order], of[order], near[order]
     starts, sizes = np.flatnonzero(np.diff(of, prepend=-1)), np.bincount(of)
-    points_m = transform_points(T_b_a, tree.centroids_m[rows])
+    points_m = transform_points(T_b_a, tree[rows].centroids_m)
     through = _is_looked_through(points_m, b)
     gone = np.bincount(of, through) >= IS_LOOKED_THROUGH * sizes
     gone &= sizes >= FEWEST_VOXELS
@@ -114,7 +116,7 @@ def _has_alone(T_b_a: FloatArray, a: Scan, b: Scan) -> BoolArray:
     alone = a.off_furniture.copy()
     fine, tree, voxel_m = b.fine_skipmap, b.fine_tree, b.fine_tree.voxel_size_m
     rows = np.flatnonzero(alone)
-    points_m = transform_points(T_b_a, a.fine_tree.centroids_m[rows])
+    points_m = transform_points(T_b_a, a.fine_tree[rows].centroids_m)
     nearest = b.fine_near.find_moved(np.eye(4)[None], points_m)[0]
     far = ~_lies_on(nearest[:, None], points_m, fine.centroids_m, fine.normals, voxel_m)
     alone[rows[~far]] = False
@@ -122,7 +124,7 @@ def _has_alone(T_b_a: FloatArray, a: Scan, b: Scan) -> BoolArray:
     surfaces = fine.table.find_around(cells_of(points_m, voxel_m, fine.origin_m), _HERE_AND_AROUND)
     voxels = b.fine_cells.find_around(cells_of(points_m, voxel_m, tree.origin_m), _HERE_AND_AROUND)
     on = _lies_on(surfaces, points_m, fine.centroids_m, fine.normals, voxel_m)
-    on |= _lies_at(voxels, points_m, tree.centroids_m, voxel_m)
+    on |= _lies_at(voxels, points_m - tree.origin_m, tree.moments.sums, voxel_m)
     alone[rows[on]] = False
     return alone
 
@@ -148,17 +150,16 @@ def _lies_on(
 
 
 @compiled
-def _lies_at(
-    near: IntArray, points_m: FloatArray, centroids_m: FloatArray, voxel_m: float
-) -> BoolArray:
-    """(K,) which of (K, 3) points lie at the middle of one of the (K, O) voxels near them."""
+def _lies_at(near: IntArray, points_m: FloatArray, sums: FloatArray, voxel_m: float) -> BoolArray:
+    """(K,) which of (K, 3) points lie at the middle of one of the (K, O) voxels near them, by the
+    (V, 10) sums of these (``Moments``), about the same origin."""
     at = np.zeros(len(near), dtype=np.bool_)
     for k in range(len(near)):
         for o in range(near.shape[1]):
             row, square_m2 = near[k, o], 0.0
             if row >= 0:
                 for i in range(3):
-                    square_m2 += (points_m[k, i] - centroids_m[row, i]) ** 2
+                    square_m2 += (points_m[k, i] - sums[row, 1 + i] / sums[row, 0]) ** 2
                 at[k] |= square_m2 < (OFF_VOXEL_VOXELS * voxel_m) ** 2
     return at
 
@@ -172,14 +173,21 @@ def _is_looked_through(points_m: FloatArray, b: Scan) -> BoolArray:
         np.maximum(np.linalg.norm(those_m, axis=1), voxel_m) for those_m in (points_m, rays_m)
     )
     ways = rays_m / ranges_m[:, None]
-    order = np.argsort(ways[:, 0])
+    slices = ((ways[:, 0] + 1) * _HALF_SLICES).astype(np.int16)
+    order = np.argsort(slices, kind="stable")  # short numbers are sorted in no time
     wide, least_m = BESIDE_VOXELS * voxel_m / away_m, away_m + BEHIND_VOXELS * voxel_m
-    return _ends_behind(points_m / away_m[:, None], wide, least_m, ways[order], ranges_m[order])
+    rays = ways[order], ranges_m[order], slices[order]
+    return _ends_behind(points_m / away_m[:, None], wide, least_m, *rays)
 
 
 @compiled
 def _ends_behind(
-    asked: FloatArray, wide: FloatArray, least_m: FloatArray, ways: FloatArray, ranges_m: FloatArray
+    asked: FloatArray,
+    wide: FloatArray,
+    least_m: FloatArray,
+    ways: FloatArray,
+    ranges_m: FloatArray,
+    slices: IntArray,
 ) -> BoolArray:
     """(N,) whether there are rays about a direction, and all of them end behind.
 
@@ -187,17 +195,19 @@ def _ends_behind(
         asked: (N, 3) unit directions.
         wide: (N,) how far about each, in radians, for small angles.
         least_m: (N,) where behind begins.
-        ways: (R, 3) unit directions of the rays, ascending by x.
+        ways: (R, 3) unit directions of the rays.
         ranges_m: (R,) theirs.
+        slices: (R,) how far along x their directions lie, in ``_HALF_SLICES``, ascending.
     """
     behind = np.zeros(len(asked), dtype=np.bool_)
     for n in range(len(asked)):
-        first = np.searchsorted(ways[:, 0], asked[n, 0] - wide[n])
+        first = np.searchsorted(slices, int((asked[n, 0] - wide[n] + 1) * _HALF_SLICES) - 1)
+        last = int((asked[n, 0] + wide[n] + 1) * _HALF_SLICES) + 1
         for ray in range(first, len(ways)):
-            x = ways[ray, 0] - asked[n, 0]
-            if x > wide[n]:
+            if slices[ray] > last:
                 break
-            y, z = ways[ray, 1] - asked[n, 1], ways[ray, 2] - asked[n, 2]
+            x, y = ways[ray, 0] - asked[n, 0], ways[ray, 1] - asked[n, 1]
+            z = ways[ray, 2] - asked[n, 2]
             if x * x + y * y + z * z < wide[n] ** 2:
                 behind[n] = ranges_m[ray] > least_m[n]
                 if not behind[n]:
