@@ -117,8 +117,8 @@ def _has_alone(T_b_a: FloatArray, a: Scan, b: Scan) -> BoolArray:
     fine, tree, voxel_m = b.fine_skipmap, b.fine_tree, b.fine_tree.voxel_size_m
     rows = np.flatnonzero(alone)
     points_m = transform_points(T_b_a, a.fine_tree[rows].centroids_m)
-    nearest = b.fine_near.find_moved(np.eye(4)[None], points_m)[0]
-    far = ~_lies_on(nearest[:, None], points_m, fine.centroids_m, fine.normals, voxel_m)
+    there = fine.table.find_moved(np.eye(4)[None], points_m)[0]
+    far = ~_lies_on(there[:, None], points_m, fine.centroids_m, fine.normals, voxel_m)
     alone[rows[~far]] = False
     rows, points_m = rows[far], points_m[far]  # few: the rest is looked at all about them
     surfaces = fine.table.find_around(cells_of(points_m, voxel_m, fine.origin_m), _HERE_AND_AROUND)
