@@ -60,6 +60,10 @@ class Answer:
             alternatives=change(found.alternatives),
             forks_m=transform_points(T_new_old, found.forks_m),
             furnishing=replace(things, gone_m=transform_points(T_new_old, things.gone_m)),
-            pieces=replace(pieces, gone_m=transform_points(T_new_old, pieces.gone_m)),
+            pieces=replace(
+                pieces,
+                gone_m=transform_points(T_new_old, pieces.gone_m),
+                parts_m=transform_points(T_new_old, pieces.parts_m),
+            ),
         )
         return Answer(poses[0], poses[1], poses[2], decide(findings), findings)

@@ -128,6 +128,12 @@ def _why_another(findings: Findings) -> str | None:
         return _scattered(things.gone_m, things.bulky_gone, things.bulky_again)
     if things.is_another:
         return _scattered(things.gone_m, len(things.gone_m), things.again)
+    if pieces.is_most_gone:
+        return (
+            f"but {pieces.share:.0%} of what stands out in either scan, such as at "
+            f"{_place(pieces.parts_m)}, is not in the other one: they may show two places that are "
+            "alike, or nearly all was moved; add a scan, or crop what was moved"
+        )
     if pieces.is_another:
         return _scattered(pieces.gone_m, len(pieces.gone_m), pieces.again)
     return None

@@ -121,4 +121,4 @@ def test_a_place_is_looked_through_if_no_ray_beside_it_ends_before():
     ],
 )
 def test_most_of_what_lies_about_must_be_gone(gone, again, parts, share, is_another):
-    assert Pieces(again, np.ones((gone, 3)), parts, share).is_another == is_another
+    assert Pieces(again, np.ones((gone, 3)), np.ones((parts, 3)), share).is_another == is_another

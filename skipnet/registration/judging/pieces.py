@@ -6,7 +6,7 @@ by from the same row without it is. So pieces are sought in what the two scans d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -47,8 +47,8 @@ class Pieces:
     gone_m: FloatArray
     """(G, 3) middles of pieces that one scan has alone, though the other sensor looked through
     their places, target frame."""
-    parts: int = 0
-    """As many as ``gone_m``, of any size."""
+    parts_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(P, 3) as ``gone_m``, of pieces of any size, large ones, too."""
     share: float = 0.0
     """Of what stands out in either scan, gone or there again, the share that is gone."""
 
@@ -58,11 +58,15 @@ class Pieces:
         return Pieces(0, np.zeros((0, 3)))
 
     @property
+    def is_most_gone(self) -> bool:
+        """Of all that stands out, small and large, hardly more than a half is in both scans."""
+        return len(self.parts_m) >= MIN_PARTS and self.share > MOST_SHARE
+
+    @property
     def is_another(self) -> bool:
         """Most of what lies about in either scan is not in the other one."""
         gone = len(self.gone_m)
-        most = self.parts >= MIN_PARTS and self.share > MOST_SHARE
-        return most or any(
+        return self.is_most_gone or any(
             gone >= least and gone > per_again * self.again and self.share > share
             for least, per_again, share in (FEW, MANY)
         )
@@ -76,24 +80,27 @@ def compare_pieces(T_target_source: FloatArray, source: Scan, target: Scan) -> P
     if source.viewpoint_m is None or target.viewpoint_m is None:
         return Pieces.none()
     T_source_target = invert(T_target_source)
-    there_m, *there = _gone(T_target_source, source, target)
-    back_m, *back = _gone(T_source_target, target, source)
-    gone_m = np.concatenate([there_m, transform_points(T_target_source, back_m)])
+    *there_m, there = _gone(T_target_source, source, target)
+    *back_m, back = _gone(T_source_target, target, source)
+    gone_m, parts_m = (
+        np.concatenate([one_m, transform_points(T_target_source, other_m)])
+        for one_m, other_m in zip(there_m, back_m, strict=True)
+    )
     again = 0
     if len(gone_m) >= FEW[0]:  # else it does not matter
         again = count_again(T_target_source, source, target)
         again += count_again(T_source_target, target, source)
-    parts, voxels, others = np.add(there, back)
-    return Pieces(again, gone_m, int(parts), float(voxels / max(voxels + others, 1)))
+    voxels, others = there + back
+    return Pieces(again, gone_m, parts_m, float(voxels / max(voxels + others, 1)))
 
 
-def _gone(T_b_a: FloatArray, a: Scan, b: Scan) -> tuple[FloatArray, int, int, int]:
-    """(G, 3) middles of a's small pieces that are gone, b's frame; how many pieces of any size are,
-    how many voxels, and how many that stand out are not."""
+def _gone(T_b_a: FloatArray, a: Scan, b: Scan) -> tuple[FloatArray, FloatArray, IntArray]:
+    """(G, 3) middles of a's small pieces that are gone, b's frame, (P, 3) of those of any size, and
+    (2,) how many voxels are gone, and how many that stand out are not."""
     tree, alone = a.fine_tree, _has_alone(T_b_a, a, b)
     rows, others = np.flatnonzero(alone), int(a.off_furniture.sum() - alone.sum())
     if len(rows) == 0:
-        return np.zeros((0, 3)), 0, 0, others
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.array([0, others])
     # Large things in parts, as scan lines leave them, are one: a step further than those touch.
     near = a.fine_cells.find_around(tree.cells[rows], WITHIN_TWO)
     of = connected(near, rows, len(tree))
@@ -108,7 +115,7 @@ def _gone(T_b_a: FloatArray, a: Scan, b: Scan) -> tuple[FloatArray, int, int, in
     lies_about = (high - low).max(axis=1) < MOST_VOXELS
     lies_about &= footing_of(near, of, alone, len(sizes)) >= sizes
     middle_m = np.add.reduceat(points_m, starts) / sizes[:, None]
-    return middle_m[gone & lies_about], int(gone.sum()), int(through.sum()), others
+    return middle_m[gone & lies_about], middle_m[gone], np.array([through.sum(), others])
 
 
 def _has_alone(T_b_a: FloatArray, a: Scan, b: Scan) -> BoolArray:
