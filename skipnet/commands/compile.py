@@ -78,12 +78,14 @@ def _doubt(result: Registration) -> None:
     from skipnet.registration.generators import propose
     from skipnet.registration.judging.forks import find_forks
     from skipnet.registration.judging.furnishing import compare_things
+    from skipnet.registration.judging.pieces import compare_pieces
     from skipnet.registration.options import Generator, RegistrationConfig
 
     assert result.given is not None and result.given.described is not None
     source, target = result.given.described
     T_own = invert(target.T_given_own) @ result.T_target_source @ source.T_given_own
     compare_things(T_own, source, target)
+    compare_pieces(T_own, source, target)
     find_forks(T_own, source, target)
     propose(Generator.deep, source, target, RegistrationConfig())
 

@@ -15,6 +15,7 @@ from skipnet.projects.schedule import Outcome
 from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.furnishing import Furnishing
+from skipnet.registration.judging.pieces import Pieces
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.prior import Prior, PriorCheck
 from skipnet.registration.result import Registration, ScanFacts
@@ -26,7 +27,7 @@ from skipnet.types import FloatArray, Status
 
 _KINDS = {
     kind.__name__: kind
-    for kind in (Outcome, Registration, ScanFacts, Findings, Furnishing, PriorCheck)
+    for kind in (Outcome, Registration, ScanFacts, Findings, Furnishing, Pieces, PriorCheck)
 }
 
 

@@ -30,6 +30,9 @@ CONTRADICTED, MIN_LEAD, MIN_CLEAR = 0.0005, 0.35, 0.15
 """A pose that so many voxels contradict must lead by so much, or differ from its rivals so
 clearly. Of 43 poses that differ by less than 0.2 at least three of ten false ones are
 found out that way, and one of 33 right ones, between people who passed by, is called in doubt."""
+NARROW_LEAD, NARROW_CLEAR = 0.7, 0.45
+"""Two narrow views must lead by more then, or differ more clearly: most pairs of such views share
+nothing, and a bare corner lies on another corner as well. See docs/judge.md."""
 MOST_RIVALS = 12
 """Rivals with which the best pose is compared voxel by voxel."""
 HARMLESS_OVERLAP = 0.2
@@ -122,7 +125,12 @@ class Rivals:
 
 
 def compare_rivals(
-    judge: Judge, fine: Refinement, T_target_source: FloatArray, score: Score, kept: IntArray
+    judge: Judge,
+    fine: Refinement,
+    T_target_source: FloatArray,
+    score: Score,
+    kept: IntArray,
+    are_narrow: bool = False,
 ) -> Rivals:
     """Compare the best of (K,) kept poses with the others.
 
@@ -142,8 +150,9 @@ def compare_rivals(
     equal = score.total[rivals] > (1 - AMBIGUOUS_MARGIN) * top
     equal[:MOST_RIVALS] &= (decisive < MIN_DECISIVE) | contradicts_less
     if score.violation[first] > CONTRADICTED:
-        close = score.total[near] > (1 - MIN_LEAD) * top
-        equal[:MOST_RIVALS] |= close & (decisive < MIN_CLEAR)
+        lead, clear = (NARROW_LEAD, NARROW_CLEAR) if are_narrow else (MIN_LEAD, MIN_CLEAR)
+        close = score.total[near] > (1 - lead) * top
+        equal[:MOST_RIVALS] |= close & (decisive < clear)
     if judge.blind > BLIND_BOTH:
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from skipnet.registration.judging.furnishing import Furnishing
+from skipnet.registration.judging.pieces import Pieces
 from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN
 from skipnet.registration.judging.score import STRAY_SHARE
 from skipnet.types import FloatArray
@@ -65,6 +66,8 @@ class Findings:
         "surfaces_part_at_m",
         "small_things_again",
         "small_things_gone_at_m",
+        "pieces_again",
+        "pieces_gone_at_m",
     )
     """Keys of ``as_json``."""
 
@@ -123,6 +126,8 @@ class Findings:
     scans that are both blind, and of poses that would be registered."""
     furnishing: Furnishing = field(default_factory=Furnishing.none)
     """What the small things say of the pose; asked where both sensors' places are known."""
+    pieces: Pieces = field(default_factory=Pieces.none)
+    """What the scans differ by in small pieces; asked where they are exact as well."""
 
     @property
     def is_blind(self) -> bool:
@@ -184,6 +189,8 @@ class Findings:
             self.forks_m.tolist(),
             self.furnishing.again,
             self.furnishing.gone_m.tolist(),
+            self.pieces.again,
+            self.pieces.gone_m.tolist(),
         )
         return dict(zip(self.JSON_NAMES, values, strict=True))
 

@@ -18,6 +18,7 @@ from skipnet.registration.hypotheses.repeats import VOTERS, from_repeats
 from skipnet.registration.judging.forks import find_forks, surfaces_part
 from skipnet.registration.judging.furnishing import compare_things
 from skipnet.registration.judging.judge import LAST_ROUND, ROUNDS, Judge
+from skipnet.registration.judging.pieces import compare_pieces
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.judging.score import CHANCE_SCORE
 from skipnet.registration.judging.sliding import GAIN_SAMPLES, ROUGH_SAMPLES
@@ -179,8 +180,11 @@ def _of_one_thing(answer: Answer, source: Scan, target: Scan) -> Answer:
         return answer
     if found.blind > BLIND_BOTH and found.closeness >= EXACT:
         found = replace(found, forks_m=find_forks(T, source, target))
-    elif not found.is_blind and found.contradiction > FEW_CONTRADICT:
-        found = replace(found, furnishing=compare_things(T, source, target))
+    elif not found.is_blind:
+        if found.contradiction > FEW_CONTRADICT:
+            found = replace(found, furnishing=compare_things(T, source, target))
+        if found.closeness >= EXACT and not found.furnishing.is_another:
+            found = replace(found, pieces=compare_pieces(T, source, target))
     return replace(answer, verdict=decide(found), findings=found)
 
 

@@ -157,7 +157,9 @@ def weigh(running: Contenders, aligner: Aligner) -> Weighed:
         score = judge.closer(T, score)
         kept = judge.distinct(T, score)
     kept = clearest_first(kept, score, fine, T, judge)
-    return Weighed(running, score, kept, compare_rivals(judge, fine, T, score, kept))
+    are_narrow = aligner.source.is_narrow and aligner.target.is_narrow
+    rivals = compare_rivals(judge, fine, T, score, kept, are_narrow)
+    return Weighed(running, score, kept, rivals)
 
 
 def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> Answer:

@@ -123,17 +123,29 @@ def _why_another(findings: Findings) -> str | None:
             "differently: they may show two things that are alike, not the same one, or something "
             "was changed there; crop it, or give the places of the sensors"
         )
-    things = findings.furnishing
+    things, pieces = findings.furnishing, findings.pieces
+    if things.is_another_in_bulk:
+        return _scattered(things.gone_m, things.bulky_gone, things.bulky_again)
     if things.is_another:
-        in_bulk = things.is_another_in_bulk
-        gone = things.bulky_gone if in_bulk else len(things.gone_m)
+        return _scattered(things.gone_m, len(things.gone_m), things.again)
+    if pieces.is_most_gone:
         return (
-            f"but {gone} small things stand in one scan alone, such as at "
-            f"{_place(things.gone_m)}, and only {things.bulky_again if in_bulk else things.again} "
-            "in both: they may show two rooms that are alike, or nearly all was moved; add a scan, "
-            "or crop what was moved"
+            f"but {pieces.share:.0%} of what stands out in either scan, such as at "
+            f"{_place(pieces.parts_m)}, is not in the other one: they may show two places that are "
+            "alike, or nearly all was moved; add a scan, or crop what was moved"
         )
+    if pieces.is_another:
+        return _scattered(pieces.gone_m, len(pieces.gone_m), pieces.again)
     return None
+
+
+def _scattered(gone_m: FloatArray, gone: int, again: int) -> str:
+    """Why what lies about says that two rooms are shown."""
+    return (
+        f"but {gone} small things stand in one scan alone, such as at {_place(gone_m)}, and only "
+        f"{again} in both: they may show two rooms that are alike, or nearly all was moved; add a "
+        "scan, or crop what was moved"
+    )
 
 
 def _place(places_m: FloatArray) -> str:

@@ -22,12 +22,18 @@ from skipnet.scans.evidence import Evidence
 from skipnet.scans.lattice import lattice_step_m
 from skipnet.scans.record import Record
 from skipnet.scans.sparse import Thinned, thin
-from skipnet.scans.things import Things, find_things, standing_out
+from skipnet.scans.things import (
+    FURNITURE_PLANE,
+    LARGE_PLANE,
+    Things,
+    find_things,
+    standing_out,
+)
 from skipnet.scans.worth import voxel_worth
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.skipmap import SkipMap
 from skipnet.skipmap.tree import Points, SkipTree
-from skipnet.types import FeatureClass, FloatArray, IntArray
+from skipnet.types import BoolArray, FeatureClass, FloatArray, IntArray
 
 MIN_RESOLVED = 0.75
 """Share of a scan's points in effective voxels of the finest level; dense scans have 0.8 and more,
@@ -164,8 +170,18 @@ class Scan:
     @cached_property
     def things(self) -> Things:
         """The small things that stand on its large planes."""
-        out = standing_out(self.fine_tree, self.planes, len(self.skipmap))
+        out = standing_out(self.fine_tree, self.planes, LARGE_PLANE * len(self.skipmap))
         return find_things(self.fine_tree, self.fine_cells, out)
+
+    @cached_property
+    def off_furniture(self) -> BoolArray:
+        """(V,) which voxels of ``fine_tree`` lie on none of its planes, be they of furniture."""
+        return standing_out(self.fine_tree, self.planes, FURNITURE_PLANE * len(self.skipmap))
+
+    @cached_property
+    def things_on_furniture(self) -> Things:
+        """The small things that stand on any of its planes."""
+        return find_things(self.fine_tree, self.fine_cells, self.off_furniture)
 
     @property
     def is_sparse(self) -> bool:

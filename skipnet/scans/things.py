@@ -17,6 +17,8 @@ LARGE_PLANE = 0.02
 """A plane of this share of all voxels is part of the room ..."""
 OFF_PLANE_VOXELS = 1.2
 """... and what lies farther off it, in fine voxels, is not part of the plane."""
+FURNITURE_PLANE = 0.005
+"""A plane of this share may be of the furniture: all seats of a hall, a board of a shelf."""
 FEWEST_VOXELS = 5
 """Of a thing, fine ones; it takes up ..."""
 MOST_VOXELS = 10
@@ -49,16 +51,16 @@ class Things:
         return len(self.is_bulky)
 
 
-def standing_out(tree: SkipTree, planes: Planes, voxels: int) -> BoolArray:
+def standing_out(tree: SkipTree, planes: Planes, least: float) -> BoolArray:
     """(V,) which voxels of a scan lie on none of its large planes.
 
     Args:
         tree: all its voxels at the finest level.
         planes: of the scan.
-        voxels: of the level at which these were found.
+        least: voxels of a large plane, of the level at which they were found.
     """
     points_m, out = tree.centroids_m, np.ones(len(tree), dtype=bool)
-    large = planes.weights >= LARGE_PLANE * voxels
+    large = planes.weights >= least
     for normal, offset_m in zip(planes.normals[large], planes.offsets_m[large], strict=True):
         out &= np.abs(points_m @ normal - offset_m) > OFF_PLANE_VOXELS * tree.voxel_size_m
     return out
@@ -86,7 +88,7 @@ def find_things(tree: SkipTree, table: CellTable, out: BoolArray) -> Things:
     is_small[np.argsort(-sizes, kind="stable")[:MOST_THINGS]] = True
     is_small &= sizes > 0
     rows, number = rows[is_small[number]], number[is_small[number]]
-    footing = _footing(table.find_around(cells[rows], WITHIN_TWO), number, out, len(starts))
+    footing = footing_of(table.find_around(cells[rows], WITHIN_TWO), number, out, len(starts))
     stands = footing[number] >= MIN_FOOTING
     rows, number = rows[stands], np.unique(number[stands], return_inverse=True)[1]
     depths_m = _depths_m(tree.centroids_m[rows], number)
@@ -107,7 +109,7 @@ def _depths_m(points_m: FloatArray, number: IntArray) -> FloatArray:
 
 
 @compiled
-def _footing(near: IntArray, number: IntArray, out: BoolArray, groups: int) -> IntArray:
+def footing_of(near: IntArray, number: IntArray, out: BoolArray, groups: int) -> IntArray:
     """(G,) how many voxels that do not stand out are near each group's.
 
     Args:

@@ -13,6 +13,7 @@ from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.furnishing import Furnishing
+from skipnet.registration.judging.pieces import Pieces
 from skipnet.registration.judging.score import CHANCE_SCORE, Score
 from skipnet.registration.pipeline import register
 from skipnet.registration.settling import FINALISTS, enter, firmest_first
@@ -99,6 +100,9 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
         ({"forks_m": np.ones((1, 3))}, "ambiguous", "at (1, 1, 1) in the target's frame"),
         ({"furnishing": Furnishing(6, np.ones((7, 3)))}, "ambiguous", "7 small things stand in"),
         ({"furnishing": Furnishing(9, np.ones((5, 3)), 1, 4)}, "ambiguous", "4 small things stand"),
+        ({"pieces": Pieces(8, np.ones((5, 3)), share=0.1)}, "ambiguous", "5 small things stand in"),
+        ({"pieces": Pieces(0, *np.ones((2, 4, 3)), 0.5)}, "ambiguous", "50% of what stands out"),
+        ({"pieces": Pieces(0, np.ones((0, 3)), np.ones((4, 3)), 0.5)}, "ambiguous", "(1, 1, 1)"),
         ({"seen_again": 0.7, "is_sparse": True}, "ambiguous", "rides with the sensor"),
         ({"seen_again": 0.7, "riding_worth": 50.0}, "ambiguous", "rides with the sensor"),
     ],

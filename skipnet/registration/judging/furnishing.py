@@ -13,6 +13,7 @@ import numpy as np
 
 from skipnet.geometry import invert, transform_points
 from skipnet.scans.scan import Scan
+from skipnet.scans.things import Things
 from skipnet.skipmap.cell_table import CellTable
 from skipnet.skipmap.cells import cells_of
 from skipnet.skipmap.connected import AROUND
@@ -94,11 +95,8 @@ def _one_way(T_b_a: FloatArray, a: Scan, b: Scan) -> Furnishing:
     if len(things) == 0:
         return Furnishing.none()
     points_m = transform_points(T_b_a, a.fine_tree.centroids_m[things.rows])
-    tree, of, sizes = b.fine_tree, things.numbers, np.bincount(things.numbers)
-    cells = cells_of(points_m, tree.voxel_size_m, tree.origin_m)
-    found = b.fine_cells.find_around(cells, _HERE_AND_AROUND)
-    stands_out = ((found >= 0) & b.things.stands_out[found]).any(axis=1)
-    again = np.bincount(of, stands_out) / sizes
+    of, sizes = things.numbers, np.bincount(things.numbers)
+    found, again = _beside(points_m, things, b, b.things)
     asked = np.flatnonzero((again < IS_GONE)[of] & (found < 0).all(axis=1))
     through = _is_looked_through(invert(T_b_a), a, b, asked)
     gone = np.bincount(of[asked], through, minlength=len(sizes)) >= IS_LOOKED_THROUGH * sizes
@@ -108,6 +106,27 @@ def _one_way(T_b_a: FloatArray, a: Scan, b: Scan) -> Furnishing:
     counts = (is_again.sum(), (is_again & bulky).sum(), (gone & bulky).sum())
     in_all, bulky_again, bulky_gone = (int(count) for count in counts)
     return Furnishing(in_all, middle_m[gone], bulky_again, bulky_gone)
+
+
+def count_again(T_b_a: FloatArray, a: Scan, b: Scan) -> int:
+    """How many of a's things on furniture are there again in b."""
+    things = a.things_on_furniture
+    if len(things) == 0:
+        return 0
+    points_m = transform_points(T_b_a, a.fine_tree.centroids_m[things.rows])
+    return int((_beside(points_m, things, b, b.things_on_furniture)[1] >= IS_AGAIN).sum())
+
+
+def _beside(
+    points_m: FloatArray, things: Things, b: Scan, others: Things
+) -> tuple[IntArray, FloatArray]:
+    """(N, 27) rows of b's fine tree about each of (N, 3) voxels of things, -1 for none, and the
+    (T,) shares of each thing beside which something of b stands out likewise."""
+    tree, of = b.fine_tree, things.numbers
+    cells = cells_of(points_m, tree.voxel_size_m, tree.origin_m)
+    found = b.fine_cells.find_around(cells, _HERE_AND_AROUND)
+    stands_out = ((found >= 0) & others.stands_out[found]).any(axis=1)
+    return found, np.bincount(of, stands_out) / np.bincount(of)
 
 
 def _is_looked_through(T_a_b: FloatArray, a: Scan, b: Scan, asked: IntArray) -> BoolArray:

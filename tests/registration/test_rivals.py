@@ -1,0 +1,39 @@
+"""When a pose that scores less is as good an explanation."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skipnet.registration.alignment.refinement import no_refinement
+from skipnet.registration.examining import compare_rivals
+from skipnet.registration.judging.score import Score
+
+
+def rivals(contradicted, lead, clear, are_narrow):
+    """How many poses rival one that leads them by so much, and is told from them so clearly."""
+    T = np.tile(np.eye(4), (2, 1, 1))
+    T[1, :3, :3] = np.diag([-1.0, -1.0, 1.0])  # turned by half: no repeat of the first
+    total = np.array([1.0, 1.0 - lead])
+    violation = np.full(2, contradicted)
+    score = Score(total, total, violation, total, violation, np.zeros(2))
+    judge = SimpleNamespace(blind=1.0, decisiveness=lambda best, others: np.array([clear]))
+    found = compare_rivals(judge, no_refinement(T), T, score, np.arange(2), are_narrow)
+    return len(found.alternatives)
+
+
+@pytest.mark.parametrize(
+    ("contradicted", "lead", "clear", "wide", "narrow"),
+    [
+        (0.001, 0.6, 0.3, 0, 1),
+        (0.001, 0.75, 0.3, 0, 0),  # it leads by more
+        (0.001, 0.6, 0.5, 0, 0),  # it differs more clearly
+        (0.0, 0.6, 0.3, 0, 0),  # nothing contradicts it
+        (0.001, 0.3, 0.1, 1, 1),
+    ],
+)
+def test_a_contradicted_narrow_view_must_lead_by_more(contradicted, lead, clear, wide, narrow):
+    assert rivals(contradicted, lead, clear, are_narrow=False) == wide
+    assert rivals(contradicted, lead, clear, are_narrow=True) == narrow
