@@ -15,7 +15,7 @@ from skipnet.projects.groups import Group, Joiner
 from skipnet.projects.sameness import same_place
 from skipnet.projects.ways import PairKey
 from skipnet.scans.scan import Scan
-from skipnet.scans.things import standing_out
+from skipnet.scans.things import LARGE_PLANE, standing_out
 from skipnet.skipmap.cells import cells_of
 from skipnet.skipmap.connected import AROUND
 from skipnet.types import BoolArray, FloatArray, IntArray
@@ -129,5 +129,6 @@ class Peculiarities:
         """(V,) see ``standing_out``."""
         if scan not in self._out:
             one = self._scans[scan]
-            self._out[scan] = standing_out(one.fine_tree, one.planes, len(one.skipmap))
+            large = LARGE_PLANE * len(one.skipmap)
+            self._out[scan] = standing_out(one.fine_tree, one.planes, large)
         return self._out[scan]

@@ -28,7 +28,7 @@ from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray
 
 MIN_POLISHED = 0.85
-"""A final fine alignment that leaves the best pose less than this share of its score is undone."""
+"""A final fine alignment that leaves a pose less than this share of its score is undone."""
 SPARSE_FINALISTS = 6
 """Candidates of sparse scans that are worth fine alignment by GICP."""
 SLIDING_FINALISTS = 6
@@ -84,7 +84,7 @@ class DenseAligner:
             T_target_source: (4, 4) the same after slides.
             total: its score.
         """
-        fine = polish(T_target_source, self.source, self.target)
+        fine = polish(T_target_source[None], self.source, self.target)
         # What hardly anything holds may drift: then the judge likes it less than before.
         if self.judge.score(fine.T_target_source).total[0] < MIN_POLISHED * total:
             return replace(best, T_target_source=T_target_source[None])
@@ -221,12 +221,12 @@ class SparseAligner:
 
 
 def polish(T_target_source: FloatArray, source: Scan, target: Scan) -> Refinement:
-    """The final fine alignment of one (4, 4) pose, with every voxel of the two finer levels."""
+    """The final fine alignment of (C, 4, 4) poses, with every voxel of the two finer levels."""
     levels = [
         (source.skipmap, target.skipmap),
         (source.fine_skipmap, target.fine_skipmap),
     ]
-    return refine(T_target_source[None], levels)
+    return refine(T_target_source, levels)
 
 
 def _lattice_doubt(source: Scan, target: Scan) -> float:

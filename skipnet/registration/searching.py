@@ -30,10 +30,10 @@ from skipnet.registration.settling import (
     realigned,
     rivalled,
     settle,
-    weigh,
 )
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import MIN_CONFIDENCE, decide, may_be_registered
+from skipnet.registration.weighing import weigh
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray, Status
 

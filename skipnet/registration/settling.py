@@ -2,42 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
-from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.examining import (
-    AMBIGUOUS_MARGIN,
     HARMFUL_VIOLATION,
     HARMLESS_OVERLAP,
     REPEATED_ON_MAP,
     REPEATED_SCORE,
     REPEATED_TOTAL,
-    Rivals,
-    compare_rivals,
     find_out,
-    held_voxels,
 )
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
 from skipnet.registration.verdict import decide, may_be_registered
+from skipnet.registration.weighing import Weighed, weigh
 from skipnet.scans.scan import Scan
-from skipnet.types import BoolArray, FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray
 
-COMPARED_LEAD = 0.3
-"""Poses that score less than the best one by at most this share of it are compared voxel by voxel
-..."""
-PREFERRED = 0.05
-"""What tells a pose from any of these speaks for it when it does so by this much."""
-COMPARED = 6
-"""... but no more of them than this."""
-CLOSE_MARGIN = 0.5
-"""A best pose that leads by less is compared with its rivals more strictly."""
 LITTLE_GAINED = 2.0
 """By how much a confidence's logit may rise where a slide makes a score rise by three tenths, and
 the lead with it. (A slide out of what was seen as free can make it rise by 4.)"""
@@ -124,44 +109,6 @@ def may_rival(score: Score, found: Findings, best_total: float) -> BoolArray:
     return may
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """Those in the running judged with all evidence, before the best one is aligned finely."""
-
-    running: Contenders
-    score: Score
-    """The judge's figures for them, by a closer look where the race is close."""
-    kept: IntArray
-    """Rows of the distinct ones, the best one first."""
-    rivals: Rivals
-    """What the others say of the best one."""
-
-    def may_be_registered(self, blind: float, confidence: float) -> bool:
-        """Whether the best one may be registered with so much confidence, whatever its fine
-        alignment comes to: a bound, with the lead over all rivals known.
-
-        Args:
-            blind: share of the two scans whose viewpoint is unknown.
-            confidence: that is needed.
-        """
-        best, lead = self.score[self.kept[:1]], self.rivals.margin
-        is_alone = len(self.rivals.alternatives) == 0
-        return is_alone and may_be_registered(best, blind, margin=lead, confidence=confidence)
-
-
-def weigh(running: Contenders, aligner: Aligner) -> Weighed:
-    """Judge those in the running, one or more, with all evidence."""
-    judge, fine, T, score = aligner.judge, running.fine, running.T_target_source, running.score
-    kept = judge.distinct(T, score)
-    if score.total[kept[1:]].max(initial=0.0) > (1 - CLOSE_MARGIN) * score.total[kept[0]]:
-        score = judge.closer(T, score)
-        kept = judge.distinct(T, score)
-    kept = clearest_first(kept, score, fine, T, judge)
-    are_narrow = aligner.source.is_narrow and aligner.target.is_narrow
-    rivals = compare_rivals(judge, fine, T, score, kept, are_narrow)
-    return Weighed(running, score, kept, rivals)
-
-
 def settle(running: Contenders, aligner: Aligner, is_refused: bool = False) -> Answer:
     """Judge those in the running with all evidence, align the best one finely, and decide.
 
@@ -182,39 +129,3 @@ def conclude(weighed: Weighed, aligner: Aligner, is_refused: bool = False) -> An
     return Answer(
         running.coarse[kept], T[kept], best.T_target_source[0], decide(findings), findings
     )
-
-
-def clearest_first(
-    kept: IntArray, score: Score, fine: Refinement, T_target_source: FloatArray, judge: Judge
-) -> IntArray:
-    """Among poses that explain the data about equally well, the one comes first for which what
-    tells it from any of the others speaks clearly; if there is none, the firmest held one.
-
-    Args:
-        kept: (K,) rows of distinct poses, best first.
-        score: of all poses.
-        fine: their alignment.
-        T_target_source: (C, 4, 4) the poses.
-        judge: of both scans.
-    """
-    near = kept[score.total[kept] >= (1 - COMPARED_LEAD) * score.total[kept[0]]][:COMPARED]
-    for row in near:
-        others = T_target_source[near[near != row]]
-        if judge.decisiveness(T_target_source[row], others).min(initial=1.0) > PREFERRED:
-            return np.concatenate([[row], kept[kept != row]])
-    return firmest_first(kept, score, fine)
-
-
-def firmest_first(kept: IntArray, score: Score, fine: Refinement) -> IntArray:
-    """Among poses that explain the data about equally well, the firmest held one comes first.
-
-    A plane on a plane may slide until much agrees; three planes that agree are no accident.
-
-    Args:
-        kept: (K,) rows of distinct poses, best first.
-        score: of all poses.
-        fine: their alignment.
-    """
-    near = kept[score.total[kept] >= (1 - AMBIGUOUS_MARGIN) * score.total[kept[0]]]
-    first = near[int(np.argmax([held_voxels(fine, row) for row in near]))]
-    return np.concatenate([[first], kept[kept != first]])

@@ -21,6 +21,12 @@ class MatcherTrainConfig:
     keypoints: int = 384
     """Of a scan in one step, drawn from all that the matcher looks at; its time grows with their
     square."""
+    cropped_share: float = 0.5
+    """So often a side of each scan is cut away in a step, up to half of it."""
+    dropped_share: float = 0.1
+    """Of the numbers of a keypoint, hidden in a step."""
+    jitter_voxels: float = 0.15
+    """Deviation of a keypoint from its place in a step."""
     window: int = 1000
     """Pairs of scans that are at hand at a time; each takes 0.8 MB."""
     uses: float = 12.0
@@ -53,6 +59,11 @@ class MatcherTrainConfig:
         widths = ("width", "heads", "layers", "validation_pairs", "test_pairs")
         for name in (*counts, *widths):
             require(getattr(self, name) > 0, f"matcher.{name}", getattr(self, name), "1 or more")
+        for name in ("cropped_share", "dropped_share"):
+            share = getattr(self, name)
+            require(0 <= share < 1, f"matcher.{name}", share, "0 to below 1")
+        jitter = self.jitter_voxels
+        require(jitter >= 0, "matcher.jitter_voxels", jitter, "0 or more")
         require(self.uses > 0, "matcher.uses", self.uses, "above 0")
         fits = self.width % self.heads == 0
         require(fits, "matcher.width", self.width, f"a multiple of heads, {self.heads}")

@@ -7,17 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skipnet.geometry import invert
 from skipnet.registration import searching, settling
 from skipnet.registration.alignment.refinement import Refinement, no_refinement
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.furnishing import Furnishing
+from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.pieces import Pieces
 from skipnet.registration.judging.score import CHANCE_SCORE, Score
 from skipnet.registration.pipeline import register
-from skipnet.registration.settling import FINALISTS, enter, firmest_first
+from skipnet.registration.settling import FINALISTS, enter
 from skipnet.registration.verdict import decide, may_be_registered
+from skipnet.registration.weighing import firmest_first, polished
+from skipnet.scans.describing import describe
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.types import Status
 
@@ -238,6 +242,22 @@ def test_what_is_in_the_running_is_not_aligned_again_and_the_best_of_all_come_fi
     assert len(running) == FINALISTS + 2
     assert list(running.T_target_source[:3, 0, 3]) == [0.0, 0.5, 1.0]
     assert enter(running, np.zeros((0, 4, 4)), aligner) is running
+
+
+def test_rivals_are_aligned_finely_before_a_closer_look():
+    pair = simulate_pair("clutter", 3, points=40_000).pair
+    source, target = describe((pair.source_m, pair.target_m), ("auto", "auto"))
+    judge = Judge(source.valued_evidence(0.0), target.valued_evidence(0.0), 4000, 10.0)
+    aligner = settling.aligner_of(source, target, judge, 1000)
+    true = invert(target.T_given_own) @ pair.T_target_source @ source.T_given_own
+    poses = true @ _shifted(0.0, 0.0, 8.0)
+    poses[1:, :3, 3] += 0.2 * source.skipmap.voxel_size_m  # rough alignment may err by so much
+    running = Contenders(poses, no_refinement(poses), poses, judge.score(poses))
+    fine = polished(running, np.array([1, 2]), aligner)
+    off_m = np.abs(fine.T_target_source[:, :3, 3] - true[:3, 3]).max(axis=1)
+    assert off_m[1] < 0.1 * source.skipmap.voxel_size_m
+    assert np.array_equal(fine.T_target_source[[0, 2]], poses[[0, 2]])  # not asked, far behind
+    assert fine.score.total == pytest.approx(judge.score(fine.T_target_source).total, abs=1e-4)
 
 
 def _registered(total):

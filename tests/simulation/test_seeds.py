@@ -26,9 +26,10 @@ SIMULATES = {
     "simulate_scans",
     "look_around",
     "turn_figure",
+    "turn_sculpture",
     "glimpse",
 }
-"""What takes a scene's seed as its second argument, the figure as its first."""
+"""What takes a scene's seed as its second argument, figures as their first."""
 
 
 def test_no_two_ranges_share_a_seed():

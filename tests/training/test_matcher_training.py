@@ -23,7 +23,7 @@ from skipnet.registration.pipeline import register
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING
 from skipnet.training.data.factory import Factory, make_scans
-from skipnet.training.data.token_pairs import TokenPair, make_token_pair, token_pair
+from skipnet.training.data.token_pairs import Hiding, TokenPair, make_token_pair, token_pair
 from skipnet.training.experiments.matching import TrainableMatcher
 from skipnet.training.schedule import Schedule
 from skipnet.training.tasks.matching import MatchingPlan, MatchingTask, matching_loss
@@ -73,6 +73,24 @@ def test_a_lesson_shows_what_is_same_among_the_drawn() -> None:
             rows, columns = torch.nonzero(lesson.same, as_tuple=True)
             one, other = lesson.source.units[rows], lesson.target.units[columns]
             assert len(rows) and (one == other).all(dim=1).float().mean() > 0.5
+
+
+def test_what_is_hidden_is_cut_away_dropped_and_moved() -> None:
+    rng, pair = np.random.default_rng(0), drawn_pair(2)
+    counts = [len(pair.draw(12, rng, Hiding(cropped_share=0.99)).source.units) for _ in range(40)]
+    assert min(counts) == 6 < max(counts)  # half of a scan stays at least
+    whole = pair.whole()
+    lesson = pair.draw(12, rng, Hiding(dropped_share=0.25))
+    units = torch.cat([lesson.source.units, lesson.target.units])
+    shown = torch.cat([whole.source.units, whole.target.units])
+    hidden = (units == 0).float().mean()
+    assert 0.15 < hidden < 0.35
+    assert units[units > 0].max() <= shown.max() / 0.75 + 1e-6
+    assert abs(units.mean() / shown.mean() - 1) < 0.15  # as much is said as before
+    blind, jitter = drawn_pair(2, oriented=False), Hiding(jitter_voxels=0.5)
+    moved = torch.stack([blind.draw(12, rng, jitter).source.places_voxels for _ in range(200)])
+    off = moved - blind.whole().source.places_voxels
+    assert abs(float(off.std()) - 0.5) < 0.03 and abs(float(off.mean())) < 0.03
 
 
 def test_the_loss_by_hand() -> None:
@@ -129,7 +147,7 @@ def test_a_training_resumes_to_the_bit_and_learns(tmp_path: Path) -> None:
         make = partial(make_token_pair, describes=DEEP)
         lessons = Factory(make, DEEP_TRAINING, 8, scans_per_step=2, uses=4, pool=Shelf())
         unseen = [drawn_pair(seed) for seed in range(5)]
-        task = MatchingTask(lessons, MatchingPlan(2, 9), unseen, 1)
+        task = MatchingTask(lessons, MatchingPlan(2, 9, Hiding(0.1, 0.02, 0.02)), unseen, 1)
         schedule = Schedule(40, 10, "40 steps", "warm_cosine")
         optimizer = partial(torch.optim.AdamW, lr=1e-2)
         return Trainer(

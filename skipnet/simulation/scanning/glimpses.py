@@ -15,8 +15,6 @@ from skipnet.simulation.scenes.scenes import Scene, is_free, make_scene, place_s
 from skipnet.types import FloatArray
 
 _NEAREST_M = 0.3
-_RISE_RAD = (np.deg2rad(-35.0), np.deg2rad(5.0))
-"""Elevations of the way ahead."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +38,8 @@ class Eye:
     max_range_m: float = 6.0
     aside_m: float = 1.0
     """Every other source stands beside the target, about so far; the rest elsewhere."""
+    rise_rad: tuple[float, float] = (np.deg2rad(-35.0), np.deg2rad(5.0))
+    """Elevations of the way ahead."""
 
 
 EYES: dict[str, Eye] = {
@@ -55,6 +55,13 @@ EYES: dict[str, Eye] = {
         noise_m=0.02,
         max_range_m=80.0,
         aside_m=4.0,
+    ),
+    "level_lidar": Eye(
+        *(60_000, (0.5, 0.75)),
+        noise_m=0.02,
+        max_range_m=80.0,
+        aside_m=4.0,
+        rise_rad=(np.deg2rad(-12.0), np.deg2rad(10.0)),
     ),
 }
 
@@ -80,7 +87,7 @@ def glimpse(
         beside = first + rng.normal(0, eye.aside_m, 3) * [1, 1, 0.2]
         second = beside if is_free(scene, beside[None])[0] else second
     half_angle_rad = rng.uniform(*eye.half_angle_rad)
-    yaw_rad, rise_rad = rng.uniform(0, 2 * np.pi), rng.uniform(*_RISE_RAD)
+    yaw_rad, rise_rad = rng.uniform(0, 2 * np.pi), rng.uniform(*eye.rise_rad)
     # The way that the source looks is turned from the target's, as seen from the target.
     turn_rad = rng.uniform(0, 2.0) * half_angle_rad * rng.choice([-1, 1])
     clouds, poses = [], []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -27,7 +28,8 @@ from skipnet.simulation.scenes.rooms import (
     rectangle,
     shell,
 )
-from skipnet.simulation.scenes.shapes import join, moved
+from skipnet.simulation.scenes.sculptures import sculpture
+from skipnet.simulation.scenes.shapes import Surface, join, moved, shifted
 
 WINDOW = OpeningKind(width_m=(1.0, 1.8), bottom_m=(0.7, 1.0), height_m=(1.1, 1.5))
 DOOR = OpeningKind(width_m=(0.8, 1.2), bottom_m=(0.0, 0.0), height_m=(2.0, 2.2))
@@ -135,6 +137,22 @@ def symmetric(rng: np.random.Generator) -> Draft:
         turn = rotation_from_vector(np.array([0.0, 0.0, turns * np.pi / 2]))
         surfaces += moved(pieces, make_transform(turn, np.zeros(3)))
     return Draft(surfaces, CENTRE_THEN_MOVED)
+
+
+def gallery(rng: np.random.Generator) -> Draft:
+    """An oblique room with sculptures as large as people, tables and shelves."""
+    room = _random_polygon(rng)
+    kinds: list[Maker] = [furniture.table, furniture.shelf, furniture.turned_stack]
+    makers = [_statue] * rng.integers(2, 5) + [kinds[k] for k in rng.integers(3, size=4)]
+    return _furnished(rng, room, _random_openings(rng, room), makers, turned_freely=True)
+
+
+def _statue(rng: np.random.Generator) -> list[Surface]:
+    """A sculpture that stands on the floor."""
+    parts, scale = sculpture(rng), rng.uniform(0.5, 1.7)
+    lowest_m = min(part.vertices_m[:, 2].min() for part in parts)
+    parts = shifted(parts, (0, 0, -lowest_m))
+    return [replace(part, vertices_m=scale * part.vertices_m) for part in parts]
 
 
 def _furnished(

@@ -26,6 +26,7 @@ FAMILY_MAKERS: dict[str, Callable[[np.random.Generator], Draft]] = {
     "terrain": organic.terrain,
     "clutter": organic.clutter,
     "kitchen": kitchens.kitchen,
+    "gallery": families.gallery,
     "corridor": families.corridor,
     "symmetric": families.symmetric,
 }

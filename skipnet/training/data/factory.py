@@ -24,7 +24,7 @@ from skipnet.features.grids import cylinder_grids, turned_over
 from skipnet.metrics.correspondences import TwoScans
 from skipnet.parallel.pools import worker_pool
 from skipnet.simulation.scanning.degrading import degrade
-from skipnet.simulation.scanning.figures import FARTHEST_TURN_RAD, turn_figure
+from skipnet.simulation.scanning.figures import FARTHEST_TURN_RAD, turn_figure, turn_sculpture
 from skipnet.simulation.scanning.glimpses import EYES, glimpse
 from skipnet.simulation.scanning.recipe import Recipe
 from skipnet.simulation.scanning.views import look_around
@@ -69,7 +69,7 @@ def _views(device: str, farthest_rad: float) -> Callable[[str, int, np.random.Ge
 
 
 def _turntable(family: str, seed: int, rng: np.random.Generator) -> Clouds:
-    table = turn_figure(seed)
+    table = turn_sculpture(seed) if family == "sculpture" else turn_figure(seed)
     turn_rad = rng.uniform(0.1, 0.8) * FARTHEST_TURN_RAD
     return (*table.clouds_m(turn_rad), table.T_target_source(turn_rad))
 
@@ -78,15 +78,16 @@ def _glimpses(name: str) -> Callable[[str, int, np.random.Generator], Clouds]:
     return lambda family, seed, rng: glimpse(family, seed, EYES[name], rng)
 
 
-INDOORS = ("kitchen", "clutter", "kitchen", "oblique", "closed", "curved", "paper_room")
+INDOORS = ("kitchen", "clutter", "gallery", "kitchen", "oblique", "closed", "curved", "paper_room")
 OUTDOORS = ("terrain", "facade")
 KINDS: dict[str, Kind] = {
-    "fragment": Kind(0.27, INDOORS, _glimpses("fragment"), blind_share=0.5),
-    "camera": Kind(0.13, INDOORS, _glimpses("camera")),
-    "narrow_lidar": Kind(0.14, OUTDOORS, _glimpses("narrow_lidar")),
-    "turntable": Kind(0.22, ("figure",), _turntable),
-    "dome": Kind(0.14, (*INDOORS, *OUTDOORS, "doorway"), _views("dome", 1.8)),
-    "rings": Kind(0.10, OUTDOORS, _views("rings", 1.8)),
+    "fragment": Kind(0.22, INDOORS, _glimpses("fragment"), blind_share=0.5),
+    "camera": Kind(0.12, INDOORS, _glimpses("camera")),
+    "narrow_lidar": Kind(0.09, OUTDOORS, _glimpses("narrow_lidar")),
+    "level_lidar": Kind(0.09, OUTDOORS, _glimpses("level_lidar")),
+    "turntable": Kind(0.28, ("figure", "sculpture", "sculpture"), _turntable, blind_share=0.5),
+    "dome": Kind(0.12, (*INDOORS, *OUTDOORS, "doorway"), _views("dome", 1.8)),
+    "rings": Kind(0.08, OUTDOORS, _views("rings", 1.8)),
 }
 """What the factory makes, by name."""
 

@@ -23,6 +23,23 @@ LEARNED_KEYPOINTS = 800
 """Of a scan: more than the matcher looks at, so that a step sees others each time."""
 LEAST_SHARED = 6
 """Keypoints with a partner in the other scan; fewer teach nothing."""
+MOST_CROPPED = 0.5
+"""Of a scan's keypoints, where a side of it is cut away."""
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """What a step hides of what it shows: so that a few thousand pairs are not learned by heart."""
+
+    cropped_share: float = 0.0
+    """So often a side of each scan, in any direction, is cut away."""
+    dropped_share: float = 0.0
+    """Of the numbers of a keypoint; the others grow by as much."""
+    jitter_voxels: float = 0.0
+    """Deviation of a keypoint from its place, along each axis."""
+
+
+NOTHING_HIDDEN = Hiding()
 
 
 class Lesson(NamedTuple):
@@ -56,17 +73,23 @@ class TokenPair:
         cosine = self.true_axes[rows_s] @ self.target.axes[rows_t].T
         return near & (cosine > SAME_COSINE)
 
-    def draw(self, count: int, rng: np.random.Generator) -> Lesson:
+    def draw(self, count: int, rng: np.random.Generator, hiding: Hiding = NOTHING_HIDDEN) -> Lesson:
         """So many keypoints of each scan at random; where sides are unknown a third fewer of the
         target, from both sides. Every other time the scans change places."""
-        rows_s = np.sort(rng.permutation(len(self.true_voxels))[:count])
         each = len(self.target.axes) if self.oriented else len(self.target.axes) // 2
         shown = count if self.oriented else int(BOTH_SIDES_SHARE * count)
-        rows_t = np.sort(rng.permutation(each)[:shown])
+        places = self.source.places_voxels, self.target.places_voxels[:each]
+        is_cropped = rng.random() < hiding.cropped_share
+        left = [_cropped(one, rng) if is_cropped else np.arange(len(one)) for one in places]
+        rows_s, rows_t = (
+            np.sort(rng.permutation(rows)[:most])
+            for rows, most in zip(left, (count, shown), strict=True)
+        )
         if not self.oriented:
             rows_t = np.concatenate([rows_t, rows_t + each])
         same = torch.from_numpy(self.same(rows_s, rows_t))
-        source, target = _some(self.source, rows_s), _some(self.target, rows_t)
+        source = _blurred(_some(self.source, rows_s), hiding, rng)
+        target = _blurred(_some(self.target, rows_t), hiding, rng)
         if self.oriented and rng.random() < 0.5:
             return Lesson(target, source, same.T, self.oriented)
         return Lesson(source, target, same, self.oriented)
@@ -81,6 +104,25 @@ class TokenPair:
 def _some(tokens: Tokens, rows: IntArray) -> Tokens:
     """These of them, as float32 tensors."""
     return Tokens(*(torch.from_numpy(values[rows].astype(np.float32)) for values in tokens))
+
+
+def _cropped(places_voxels: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Rows of (K, 3) places that a plane in any direction leaves, half of them or more."""
+    along = places_voxels @ rng.normal(size=3)
+    rows: IntArray = np.flatnonzero(along >= np.quantile(along, rng.uniform(0, MOST_CROPPED)))
+    return rows
+
+
+def _blurred(tokens: Tokens, hiding: Hiding, rng: np.random.Generator) -> Tokens:
+    """The same with some numbers dropped, and moved a little."""
+    units, places = tokens.units, tokens.places_voxels
+    if hiding.dropped_share:
+        kept = rng.random(units.shape, dtype=np.float32) >= hiding.dropped_share
+        units = units * torch.from_numpy(kept) / (1 - hiding.dropped_share)
+    if hiding.jitter_voxels:
+        moves = rng.normal(0, hiding.jitter_voxels, places.shape).astype(np.float32)
+        places = places + torch.from_numpy(moves)
+    return tokens._replace(units=units, places_voxels=places)
 
 
 def make_token_pair(

@@ -24,7 +24,7 @@ from skipnet.simulation.seeds import DEEP_TEST, DEEP_TRAINING, DEEP_VALIDATION
 from skipnet.storage import write_config
 from skipnet.training import reports
 from skipnet.training.data.factory import KINDS, Factory, working
-from skipnet.training.data.token_pairs import TokenPair, make_token_pair
+from skipnet.training.data.token_pairs import Hiding, TokenPair, make_token_pair
 from skipnet.training.experiments.both_heads import CHECKPOINT, reached
 from skipnet.training.experiments.deep_descriptor import conclude, scans_of
 from skipnet.training.optimizers import find_optimizer
@@ -165,7 +165,8 @@ def fit(config: TrainConfig, describes: OnGrids, lessons: Factory[TokenPair]) ->
         rate="warm_cosine",
         max_fail=options.patience,
     )
-    plan = MatchingPlan(options.scans_per_step, options.keypoints)
+    hiding = Hiding(options.cropped_share, options.dropped_share, options.jitter_voxels)
+    plan = MatchingPlan(options.scans_per_step, options.keypoints, hiding)
     with dashboard.open_dashboard(Path(config.output_dir) / "tensorboard") as writer:
         return Trainer(
             MatchingTask(lessons, plan, unseen, config.seed),

@@ -13,7 +13,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from skipnet.networks.matcher import MatcherNetwork, matches
 from skipnet.networks.tokens import Tokens
 from skipnet.training.data.factory import Factory
-from skipnet.training.data.token_pairs import Lesson, TokenPair
+from skipnet.training.data.token_pairs import NOTHING_HIDDEN, Hiding, Lesson, TokenPair
 from skipnet.training.networks.cyclic import MASKED
 from skipnet.training.task import Judgement
 
@@ -29,6 +29,8 @@ class MatchingPlan:
     """Pairs of scans ..."""
     keypoints: int
     """... and keypoints of each scan."""
+    hiding: Hiding = NOTHING_HIDDEN
+    """What of them is hidden."""
 
 
 class MatchingTask:
@@ -65,7 +67,8 @@ class MatchingTask:
         """Some keypoints of a few pairs of scans."""
         at_hand = self.lessons.pairs_at(step)
         chosen = self._random.integers(len(at_hand), size=self.plan.scans)
-        drawn = [at_hand[one].draw(self.plan.keypoints, self._random) for one in chosen]
+        shown = self.plan.keypoints, self._random, self.plan.hiding
+        drawn = [at_hand[one].draw(*shown) for one in chosen]
         return [_on(lesson, self._device) for lesson in drawn], 1
 
     def loss(self, network: MatcherNetwork, batch: list[Lesson]) -> torch.Tensor:
