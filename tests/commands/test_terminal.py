@@ -111,15 +111,15 @@ def test_methods_from_outside_take_part_by_file_and_by_entry_point(tmp_path, mon
     from skipnet.benchmark import options
     from skipnet.benchmark.methods import make_method
 
-    (tmp_path / "mine.py").write_text("def make():\n    return lambda task: 'answer'\n")
-    by_file = f"{tmp_path}/mine.py:make"
+    (tmp_path / "elsewhere.py").write_text("def make():\n    return lambda task: 'answer'\n")
+    by_file = f"{tmp_path}/elsewhere.py:make"
     found = [Point("theirs", "their_package.methods:make")]
     monkeypatch.setattr(options, "entry_points", lambda group: found)
     config = options.EvaluateConfig(outside=["theirs", by_file])
     made = {name: method.make for name, method in config.methods.items()}
-    assert made == {"theirs": "their_package.methods.make", "mine": by_file}
+    assert made == {"theirs": "their_package.methods.make", "elsewhere": by_file}
     assert make_method(by_file)(None) == "answer"
-    assert "mine" not in sys.modules
+    assert "elsewhere" not in sys.modules
     with pytest.raises(ValueError, match="did you mean theirs"):
         options.EvaluateConfig(outside=["their"])
     with pytest.raises(FileNotFoundError, match=r"none.py: no such file"):
