@@ -104,6 +104,7 @@ def find_out(
         odd_share=aligner.odd_share(T_best) if is_blind and not in_doubt else 0.0,
         is_mirrored=not in_doubt and aligner.is_mirrored(T_best),
         blind=judge.blind,
+        are_sided=judge.are_sided,
         covariance=aligner.doubt(held) * best.covariance[0],
         covariance_centre_m=best.centre_m[0],
         free_directions=directions,

@@ -12,7 +12,6 @@ import numpy as np
 from skipnet.registration.findings import (
     CLEAN_MISMATCH,
     FEATURES,
-    MAX_BLIND,
     MOST_HELD,
     Findings,
 )
@@ -99,7 +98,7 @@ def decide(findings: Findings) -> Verdict:
         poses = 1 + len(findings.alternatives)
         reason = f"{seen}, but {poses} distinct poses explain the data about equally well"
         return Verdict(Status.AMBIGUOUS, min(confidence, 1 / poses), reason)
-    if confidence < MIN_CONFIDENCE or findings.has_too_little:
+    if confidence < MIN_CONFIDENCE or findings.has_too_little or findings.is_forced:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict(Status.FAILED, min(confidence, 0.5), reason)
     if (why := _why_another(findings)) is not None:
@@ -198,9 +197,8 @@ def may_be_registered(
     logit = fitted.bias + fitted.weight("blind") * blind + weight("support") * score.support
     logit = logit + fitted.weight("violation") * np.sqrt(score.violation)
     logit = logit + max(weight("margin"), 0.0) * margin + max(weight("held"), 0.0) * MOST_HELD
-    if blind <= MAX_BLIND:
-        clean = (score.contradiction <= STRAY_SHARE) & (score.mismatch_rate <= CLEAN_MISMATCH)
-        logit = logit + CLEAN_GAIN * clean
+    clean = (score.contradiction <= STRAY_SHARE) & (score.mismatch_rate <= CLEAN_MISMATCH)
+    logit = logit + CLEAN_GAIN * clean
     return bool((logit + gained >= np.log(confidence / (1 - confidence))).any())
 
 

@@ -13,11 +13,12 @@ from skipnet.geometry import invert, transform_points
 from skipnet.networks.catalog import find_network
 from skipnet.networks.model import Model
 from skipnet.parallel.threads import one_blas_thread, side_by_side
+from skipnet.scans.afar import side_seen
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image
 from skipnet.scans.record import Record
 from skipnet.scans.scan import MIN_TRUST, AutoAt, Scan, Viewpoint
-from skipnet.scans.viewpoint import trust_in
+from skipnet.scans.viewpoint import density_falloff, trust_in
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
 from skipnet.skipmap.tree import Points, SkipTree, build_tree, points_of
@@ -85,11 +86,17 @@ def _describe_one(
     if is_given or isinstance(viewpoint, AutoAt):
         given_m = viewpoint.place_m if isinstance(viewpoint, AutoAt) else viewpoint
         place_m = transform_points(T_own_given, np.array([given_m], np.float64))[0]
-    trust = 0.0 if viewpoint is None else trust_in(*levels[:2], place_m, is_given)
+    facing_m = None
+    if not (viewpoint is None or is_given):
+        facing_m = side_seen(*levels[:2], density_falloff(levels[0], place_m))
+    trust = 0.0
+    if viewpoint is not None and facing_m is None:
+        trust = trust_in(*levels[:2], place_m, is_given)
     image = None
     if trust > 0:
         image = build_range_image(points_of(cloud_m), place_m, T_own_given)
-    return _described(Record(T_given_own, strays, fine_tree, image, trust, seed), levels, network)
+    record = Record(T_given_own, strays, fine_tree, image, trust, facing_m, seed)
+    return _described(record, levels, network)
 
 
 def restored(record: Record, network: Model) -> Scan:
@@ -111,9 +118,12 @@ def _levels(fine_tree: SkipTree) -> tuple[SkipMap, SkipMap, SkipMap]:
 def _described(record: Record, levels: tuple[SkipMap, SkipMap, SkipMap], network: Model) -> Scan:
     """The scan of a record and its Skip-maps."""
     image, rng = record.range_image, np.random.default_rng(record.seed)
-    believed_m = None if image is None or record.trust < MIN_TRUST else image.viewpoint_m
+    believed_m, heard_m, trust = record.facing_m, record.facing_m, 1.0
+    if image is not None:
+        # The judge hears of places, too, that are not believed so far.
+        heard_m, trust = image.viewpoint_m, record.trust
+        believed_m = heard_m if trust >= MIN_TRUST else None
     skipmap, fine, coarse = (level.seen_from(believed_m) for level in levels)
-    # The judge hears of places, too, that are not believed so far.
-    seen = skipmap if image is None else levels[0].seen_from(image.viewpoint_m)
-    evidence = build_evidence(seen, image, rng, record.trust)
+    heard = skipmap if heard_m is believed_m else levels[0].seen_from(heard_m)
+    evidence = build_evidence(heard, image, rng, trust)
     return Scan(record, skipmap, coarse, fine, evidence, network)

@@ -143,7 +143,8 @@ def build_evidence(
     """Prepare a scan for the judge.
 
     Args:
-        skipmap: the scan's Skip-map, seen from the range image's viewpoint.
+        skipmap: the scan's Skip-map, seen from the range image's viewpoint, or, where there is
+            none, from any place on the side that was seen; from nowhere if that is unknown.
         range_image: how far the sensor saw; None when its place is unknown.
         rng: draws the order in which voxels are sampled.
         trust: in that place, see ``skipnet.scans.viewpoint.trust_in``.
@@ -154,8 +155,8 @@ def build_evidence(
     order = np.argsort(arrivals, kind="stable")
     clear = skipmap.curvatures < CLEAR_CURVATURE
     sure = np.zeros(len(skipmap), dtype=np.float32)
-    if range_image is not None:
-        sure = np.float32(trust) * sides(skipmap, range_image.viewpoint_m)
+    if skipmap.viewpoint_m is not None:
+        sure = np.float32(trust) * sides(skipmap, skipmap.viewpoint_m)
     return Evidence(
         points_m=points[order],
         normals=normals[order],

@@ -14,7 +14,7 @@ from skipnet.skipmap.tree import SkipTree
 from skipnet.storage import replacing
 from skipnet.types import FloatArray
 
-FORMAT = 1
+FORMAT = 2
 """Of the files; another number when the same points would be described otherwise."""
 _NOWHERE = np.full(3, np.nan)
 _UNSEEN = np.zeros((0, 0), dtype=np.float32)
@@ -34,6 +34,9 @@ class Record:
     """How far the sensor saw; None when its place is unknown, or not to be trusted at all."""
     trust: float
     """What the evidence of the sensor's place is worth: 0 when it is unknown, to 1."""
+    facing_m: FloatArray | None
+    """(3,) a place afar on the side from which a thing was seen: so much is known where the
+    sensor's own place is not. None where that is, or nothing tells."""
     seed: int
     """Of the order in which the judge samples voxels."""
 
@@ -54,6 +57,7 @@ def write_record(record: Record, path: Path) -> None:
             viewpoint_m=_NOWHERE if image is None else image.viewpoint_m,
             nearest_m=_UNSEEN if image is None else image.nearest_m,
             trust=record.trust,
+            facing_m=_NOWHERE if record.facing_m is None else record.facing_m,
             seed=record.seed,
         )
 
@@ -80,6 +84,7 @@ def read_record(path: Path) -> Record:
             fine_tree=tree,
             range_image=seen if len(seen.nearest_m) else None,
             trust=float(part["trust"]),
+            facing_m=None if np.isnan(part["facing_m"]).any() else part["facing_m"],
             seed=int(part["seed"]),
         )
     except (ValueError, KeyError, TypeError) as error:
@@ -96,7 +101,7 @@ def _check(part: dict[str, np.ndarray]) -> None:
         and bool((np.diff(keys) > 0).all())
         and part["sums"].shape == (len(keys), 10)
         and part["T_given_own"].shape == (4, 4)
-        and part["origin_m"].shape == part["viewpoint_m"].shape == (3,)
+        and all(part[name].shape == (3,) for name in ("origin_m", "viewpoint_m", "facing_m"))
         and bins.ndim == 2
         and bins.shape[0] == bins.shape[1]
         and part["voxel_size_m"] > 0

@@ -34,7 +34,7 @@ LESS_THAN_BEHIND = (-0.06, -0.02)
 _BEHIND_EXTENTS = 3.0
 _FLAT_CURVATURE = 0.03
 _MIN_COSINE = 0.2
-_MIN_SLANT_COSINE = 0.1
+MIN_SLANT_COSINE = 0.1
 _CORE_VOXELS = 0.2
 """A line that passes the centroid of a curved voxel by less than this hits what is in it."""
 SIDE_COSINE = (0.05, 0.15)
@@ -67,20 +67,20 @@ def trust_in(
     maps = skipmap, fine
     falloff = density_falloff(skipmap, viewpoint_m)
     margin = MARGIN_PER_FALLOFF * max(falloff - FALLOFF[1], 0.0)
-    hidden = _most_hidden(maps, viewpoint_m, HIDDEN_SHARE[1] + margin)
-    explained = 1 - _ramp(hidden - margin, HIDDEN_SHARE)
-    dense = 1.0 if is_given else _ramp(falloff, FALLOFF)
+    hidden = most_hidden(maps, viewpoint_m, HIDDEN_SHARE[1] + margin)
+    explained = 1 - ramp(hidden - margin, HIDDEN_SHARE)
+    dense = 1.0 if is_given else ramp(falloff, FALLOFF)
     if explained == 0 or dense == 1:
         return float(explained)
     behind_m = _behind(skipmap, viewpoint_m)
     enough = max(HIDDEN_FROM_BEHIND[1], hidden + LESS_THAN_BEHIND[1])
-    from_behind = _most_hidden(maps, behind_m, enough)
-    in_front = _ramp(from_behind, HIDDEN_FROM_BEHIND)
-    in_front *= _ramp(from_behind - hidden, LESS_THAN_BEHIND)
-    return float(explained * max(dense, _ramp(falloff, FAINT_FALLOFF) * in_front))
+    from_behind = most_hidden(maps, behind_m, enough)
+    in_front = ramp(from_behind, HIDDEN_FROM_BEHIND)
+    in_front *= ramp(from_behind - hidden, LESS_THAN_BEHIND)
+    return float(explained * max(dense, ramp(falloff, FAINT_FALLOFF) * in_front))
 
 
-def _most_hidden(maps: tuple[SkipMap, ...], viewpoint_m: FloatArray, enough: float) -> float:
+def most_hidden(maps: tuple[SkipMap, ...], viewpoint_m: FloatArray, enough: float) -> float:
     """The largest of the maps' hidden shares, or the first one that is enough."""
     most = 0.0
     for one in maps:
@@ -99,11 +99,11 @@ def sides(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:
     to_sensor_m = viewpoint_m - skipmap.centroids_m
     away_m = np.abs(np.einsum("vi,vi->v", to_sensor_m, skipmap.normals))
     cosine = away_m / np.maximum(np.linalg.norm(to_sensor_m, axis=1), 1e-9)
-    sure = np.minimum(_ramp(cosine, SIDE_COSINE), _ramp(away_m / skipmap.voxel_size_m, SIDE_VOXELS))
+    sure = np.minimum(ramp(cosine, SIDE_COSINE), ramp(away_m / skipmap.voxel_size_m, SIDE_VOXELS))
     return sure.astype(np.float32)
 
 
-def _ramp(value: FloatArray | float, ends: tuple[float, float]) -> FloatArray | float:
+def ramp(value: FloatArray | float, ends: tuple[float, float]) -> FloatArray | float:
     """0 up to the first end, 1 from the second on, straight between."""
     return np.clip((value - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
 
@@ -121,7 +121,7 @@ def density_falloff(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
     to_sensor_m = viewpoint_m - skipmap.centroids_m
     range_m = np.linalg.norm(to_sensor_m, axis=1)
     away_m = np.abs(np.einsum("vi,vi->v", to_sensor_m, skipmap.normals))
-    rows = np.flatnonzero(away_m > _MIN_SLANT_COSINE * range_m)
+    rows = np.flatnonzero(away_m > MIN_SLANT_COSINE * range_m)
     if len(rows) < 3:
         return 0.0
     expected, counts = np.log(away_m[rows] / range_m[rows] ** 3), np.log(skipmap.counts[rows])
@@ -133,12 +133,12 @@ def density_falloff(skipmap: SkipMap, viewpoint_m: FloatArray) -> float:
 def _behind(skipmap: SkipMap, viewpoint_m: FloatArray) -> FloatArray:
     """(3,) a place far behind the surfaces, as seen from ``viewpoint_m``."""
     towards = skipmap.seen_from(viewpoint_m).normals.sum(axis=0)
-    extent_m = _diagonal_m(skipmap.centroids_m)
+    extent_m = diagonal_m(skipmap.centroids_m)
     way = -towards / max(float(np.linalg.norm(towards)), 1e-12)
     return skipmap.centroids_m.mean(axis=0) + _BEHIND_EXTENTS * extent_m * way
 
 
-def _diagonal_m(points_m: FloatArray) -> float:
+def diagonal_m(points_m: FloatArray) -> float:
     """Of the box about (N, 3) points."""
     low_m, high_m = bounds(points_m)
     return float(np.linalg.norm(high_m - low_m))
@@ -163,7 +163,7 @@ def hidden_share(skipmap: SkipMap, viewpoint_m: FloatArray, samples: int = 300) 
     to_sensor_m = viewpoint_m - points_m
     range_m = np.linalg.norm(to_sensor_m, axis=1)
     ways = to_sensor_m / np.maximum(range_m, 1e-9)[:, None]
-    extent_m = _diagonal_m(skipmap.centroids_m)
+    extent_m = diagonal_m(skipmap.centroids_m)
     ends_m = np.minimum(range_m - voxel_m, extent_m)
     line, row = skipmap.table.find_along(points_m, ways, 1.5 * voxel_m, ends_m, 0.5 * voxel_m)
     blocks = _pierces(skipmap, row, points_m[line], ways[line], viewpoint_m)

@@ -78,6 +78,7 @@ GOOD = Findings(
     odd_share=0.0,
     is_mirrored=False,
     blind=0.0,
+    are_sided=True,
     covariance=np.eye(6),
     covariance_centre_m=np.zeros(3),
     free_directions=np.zeros((0, 3)),
@@ -142,11 +143,25 @@ def test_sensors_that_stood_still_before_a_scene_at_rest_need_no_warning():
 
 
 def test_where_nothing_would_contradict_a_fifth_must_agree():
-    sure = replace(GOOD, blind=1.0, margin=1.0, held_voxels=900.0)
+    sure = replace(GOOD, blind=1.0, are_sided=False, margin=1.0, held_voxels=900.0)
     assert decide(replace(sure, support=0.21)).status == "registered"
     verdict = decide(replace(sure, support=0.19))
     assert verdict.status == "failed" and verdict.confidence <= 0.5
     assert decide(replace(sure, support=0.19, blind=0.0)).status == "registered"
+
+
+def test_where_the_sides_are_known_an_eighth_is_enough_if_it_agrees_closely():
+    sure = replace(GOOD, blind=1.0, margin=1.0, held_voxels=900.0, support=0.13, mismatch=0.1)
+    assert decide(sure).status == "registered"
+    for spoilt in ({"support": 0.11}, {"mismatch": 0.13}, {"closeness": 0.8}):
+        assert decide(replace(sure, **spoilt)).status == "failed"
+
+
+def test_surfaces_that_are_forced_together_are_not_registered():
+    loose = replace(GOOD, mismatch=0.25, closeness=0.7)
+    assert decide(loose).status == "failed"
+    assert decide(replace(loose, mismatch=0.15)).status == "registered"
+    assert decide(replace(loose, closeness=0.8)).status == "registered"
 
 
 def test_little_that_agrees_is_enough_where_nothing_at_all_speaks_against_it():
@@ -180,6 +195,7 @@ def test_what_cannot_be_registered_is_never_registered_whatever_else_is_found(bl
             margin=max(1 - max(CHANCE_SCORE, rng.uniform(0, 0.3)) / max(total, 1e-9), 0.0),
             held_voxels=rng.uniform(1, 500),
             blind=blind,
+            are_sided=bool(rng.integers(0, 2)),
             contradiction=rng.choice([0.0, 0.01]),
             mismatch=rng.choice([0.0, 0.1]),
         )

@@ -77,6 +77,11 @@ class Judge:
         """Share of the two scans whose viewpoint is unknown: they contradict nothing."""
         return 1 - 0.5 * (self.source.trust + self.target.trust)
 
+    @property
+    def are_sided(self) -> bool:
+        """Whether it is known from which side both scans' surfaces were seen."""
+        return bool(self.source.sides.any() and self.target.sides.any())
+
     def score(self, T_target_source: FloatArray, strictness: Strictness = FINE) -> Score:
         """Score (C, 4, 4) candidate poses by what both scans say about them."""
         at_once = max(1, _AT_ONCE // max(1, self.samples))

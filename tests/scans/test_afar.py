@@ -1,0 +1,109 @@
+"""Finding out from which side a thing was seen: simulated scanners know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import skipnet
+from skipnet.geometry import invert, make_transform, random_rotation, transform_points
+from skipnet.scans.afar import MIN_CONVEXITY, side_seen
+from skipnet.scans.describing import describe, restored
+from skipnet.scans.record import read_record, write_record
+from skipnet.simulation.scanning.figures import turn_figure, turn_sculpture
+from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.skipmap.skipmap import build_skipmap
+
+NOWHERE = -1.0
+
+
+def maps_of(points_m, voxel_size_m):
+    return [build_skipmap(points_m, size_m) for size_m in (voxel_size_m, voxel_size_m / 2)]
+
+
+def in_its_own_frame(points_m, rng):
+    """A thing's points about its own middle, turned at random, and the motion there."""
+    T_own_camera = make_transform(random_rotation(rng), np.zeros(3))
+    T_own_camera[:3, 3] = -T_own_camera[:3, :3] @ (points_m.mean(axis=0) + rng.normal(0, 0.01, 3))
+    return transform_points(T_own_camera, points_m), T_own_camera
+
+
+@pytest.mark.parametrize("turn", [turn_figure, turn_sculpture])
+@pytest.mark.parametrize("seed", [501, 502, 507])
+def test_the_side_of_a_figure_that_faced_the_scanner_is_found_in_its_own_frame(turn, seed):
+    points_m, T_own_camera = in_its_own_frame(
+        turn(seed).clouds_m(0.5)[0], np.random.default_rng(seed)
+    )
+    place_m = side_seen(*maps_of(points_m, 0.0025), than=0.0)
+    ways = np.array([place_m, T_own_camera[:3, 3]]) - points_m.mean(axis=0)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    assert ways[0] @ ways[1] > np.cos(np.deg2rad(20))
+
+
+@pytest.mark.parametrize("family", ["paper_room", "oblique", "terrain", "kitchen", "clutter"])
+def test_a_scan_from_within_shows_no_side_of_a_thing(family):
+    points_m = simulate_pair(family, 5, points=40_000).pair.source_m.astype(float)
+    assert side_seen(*maps_of(points_m, 0.2), than=NOWHERE) is None
+
+
+def test_a_ball_seen_all_round_has_no_side_that_was_seen():
+    rng = np.random.default_rng(1)
+    ball_m = rng.normal(size=(40_000, 3))
+    ball_m *= 0.1 / np.linalg.norm(ball_m, axis=1)[:, None]
+    assert side_seen(*maps_of(ball_m, 0.01), than=NOWHERE) is None
+
+
+def half_ball_seen_from_above(bulge):
+    """What a parallel scanner sees of a half ball from +z: as many points wherever it looks."""
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(-0.1, 0.1, size=(2, 60_000))
+    inside = x**2 + y**2 < 0.098**2
+    height_m = bulge * np.sqrt(0.01 - x[inside] ** 2 - y[inside] ** 2)
+    return np.column_stack([x[inside], y[inside], height_m])
+
+
+def test_a_dome_was_seen_from_above_and_places_that_explain_its_density_are_kept():
+    maps = maps_of(half_ball_seen_from_above(1.0), 0.008)
+    place_m = side_seen(*maps, than=NOWHERE)
+    assert place_m[2] > 0.9 * np.linalg.norm(place_m)
+    assert side_seen(*maps, than=0.9) is None
+
+
+def test_gentle_waves_tell_no_side():
+    points_m = half_ball_seen_from_above(1.0)
+    points_m[:, 2] = 0.02 * np.sin(60 * points_m[:, 0])
+    assert MIN_CONVEXITY > 0.1
+    assert side_seen(*maps_of(points_m, 0.008), than=NOWHERE) is None
+
+
+def test_an_origin_within_a_figure_is_not_its_scanners_place(tmp_path):
+    points_m, T_own_camera = in_its_own_frame(
+        turn_figure(505).clouds_m(0.5)[0], np.random.default_rng(5)
+    )
+    scan, unknown = describe([points_m, points_m], ["auto", None])
+    assert scan.record.range_image is None and scan.record.trust == 0
+    camera_m = transform_points(invert(scan.T_given_own) @ T_own_camera, np.zeros((1, 3)))[0]
+    towards = np.einsum("vi,vi->v", scan.skipmap.normals, camera_m - scan.skipmap.centroids_m)
+    assert (towards > 0).mean() > 0.95
+    assert scan.evidence.sides.mean() > 0.8 and scan.evidence.trust == 0
+    # Who says that nobody knows is believed.
+    assert unknown.record.facing_m is None and not unknown.evidence.sides.any()
+
+    write_record(scan.record, tmp_path / "scan.npz")
+    again = restored(read_record(tmp_path / "scan.npz"), scan.network)
+    np.testing.assert_array_equal(again.skipmap.normals, scan.skipmap.normals)
+    np.testing.assert_array_equal(again.evidence.sides, scan.evidence.sides)
+
+
+def test_figures_in_their_own_frames_are_registered_by_their_sides():
+    table, rng = turn_sculpture(506), np.random.default_rng(6)
+    (source_m, T_source), (target_m, T_target) = (
+        in_its_own_frame(cloud_m, rng) for cloud_m in table.clouds_m(np.deg2rad(50))
+    )
+    truth = T_target @ table.T_target_source(np.deg2rad(50)) @ invert(T_source)
+    found = skipnet.register(source_m, target_m)
+    assert found.status == "registered" and found.findings.are_sided
+    assert found.findings.blind == 1.0
+    moved_m = transform_points(found.T_target_source, source_m)
+    off_m = np.linalg.norm(moved_m - transform_points(truth, source_m), axis=1)
+    assert off_m.max() < 0.002
