@@ -13,7 +13,7 @@ from skipnet.networks.describing import matched, recognised
 from skipnet.networks.model import Model
 from skipnet.parallel.threads import side_by_side
 from skipnet.registration.hypotheses.corners_edges import from_corners, from_edges
-from skipnet.registration.hypotheses.correspondences import from_correspondences
+from skipnet.registration.hypotheses.correspondences import Facing, from_correspondences
 from skipnet.registration.hypotheses.hypotheses import Hypotheses
 from skipnet.registration.hypotheses.planes import from_planes
 from skipnet.registration.hypotheses.slides import from_slides
@@ -120,14 +120,17 @@ def _from_matches(
     trust: FloatArray | None = None,
 ) -> Hypotheses:
     """Poses on which the best of the (K,) matched rows of both Skip-maps agree; (K,) trust in each
-    match, or all alike."""
+    match, or all alike. What is not trusted alike is mostly wrong, and must keep angles, too."""
     rows_s, rows_t, distance = found
     best = np.argsort(distance, kind="stable")[: config.max_correspondences]
-    source_m = source.skipmap.centroids_m[rows_s[best]]
-    target_m = target.skipmap.centroids_m[rows_t[best]]
+    at_s, at_t = rows_s[best], rows_t[best]
+    places_m = source.skipmap.centroids_m[at_s], target.skipmap.centroids_m[at_t]
     reach_m = 1.5 * source.skipmap.voxel_size_m
-    weights = np.ones(len(best)) if trust is None else trust[best]
-    return from_correspondences(source_m, target_m, weights, reach_m)
+    if trust is None:
+        return from_correspondences(*places_m, np.ones(len(best)), reach_m)
+    axes = source.skipmap.normals[at_s], target.skipmap.normals[at_t]
+    facing = Facing(*axes, _agree_in_side(source, target))
+    return from_correspondences(*places_m, trust[best], reach_m, facing=facing)
 
 
 PROPOSE: dict[Generator, Propose] = {

@@ -7,7 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from skipnet.geometry import make_transform, pose_error, random_rotation, transform_points
-from skipnet.registration.hypotheses.correspondences import common_neighbours, from_correspondences
+from skipnet.registration.hypotheses.correspondences import (
+    Facing,
+    common_neighbours,
+    from_correspondences,
+)
 from skipnet.registration.hypotheses.fitting import best_rotations, fit_transforms
 from skipnet.registration.hypotheses.hypotheses import NO_HYPOTHESES, Hypotheses, concatenate
 
@@ -89,6 +93,51 @@ def test_weights_choose_between_equally_large_sets():
         found = from_correspondences(source_m, target_m, weights, 0.01, seeds=20)
         errors_m = np.linalg.norm(found.T_target_source - motions[trusted], axis=(1, 2))
         assert errors_m.max() < 1e-6
+
+
+def planted(sides_known):
+    """Of 600 correspondences 7 are right; normals are shaken, of either sign if not known."""
+    rng = np.random.default_rng(6)
+    T_true = random_motion(rng)
+    source_m, target_m = rng.uniform(-5, 5, size=(2, 600, 3))
+    axes_s, axes_t = rng.normal(size=(2, 600, 3))
+    target_m[:7] = transform_points(T_true, source_m[:7])
+    axes_t[:7] = axes_s[:7] @ T_true[:3, :3].T
+    axes_s, axes_t = (axes / np.linalg.norm(axes, axis=1)[:, None] for axes in (axes_s, axes_t))
+    axes_t = axes_t + rng.normal(scale=0.02, size=axes_t.shape)
+    signs = np.ones(600) if sides_known else rng.choice([-1.0, 1.0], 600)
+    axes_t *= (signs / np.linalg.norm(axes_t, axis=1))[:, None]
+    return T_true, source_m, target_m, axes_s, axes_t
+
+
+@pytest.mark.parametrize("sides_known", [True, False])
+def test_angles_between_surfaces_tell_the_few_right_correspondences(sides_known):
+    T_true, source_m, target_m, *axes = planted(sides_known)
+    facing = Facing(*axes, sides_known)
+    ways = (source_m, target_m, np.ones(600), 0.3)
+    found = from_correspondences(*ways, facing=facing, support=5)
+    rotation_rad, translation_m = pose_error(found.best(1).T_target_source[0], T_true)
+    assert rotation_rad < 1e-6 and translation_m < 1e-6
+    without = from_correspondences(*ways, support=5)
+    assert pose_error(without.best(1).T_target_source[0], T_true)[0] > 0.1
+    turned = Facing(axes[0], -axes[1][:, [1, 2, 0]], sides_known)
+    others = from_correspondences(*ways, facing=turned, support=5)
+    assert all(pose_error(T, T_true)[0] > 0.1 for T in others.T_target_source)
+
+
+def test_angles_go_by_hand_and_short_lines_say_nothing():
+    square_m = np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]])
+    up = np.tile([0.0, 0, 1], (4, 1))
+    tipped = up.copy()
+    tipped[3] = [0.0, 0.6, 0.8]  # its angle to the line from the first one differs by 0.6
+    ways = (square_m, square_m, np.ones(4), 0.1)
+    for axes, proposed in ((up, 4), (tipped, 3)):
+        found = from_correspondences(*ways, facing=Facing(up, axes, True))
+        assert len(found) == proposed
+    near = (0.01 * square_m, 0.01 * square_m, np.ones(4), 0.1)
+    barely = up.copy()
+    barely[3] = [0.0, 0.53, 0.848]  # 0.15 to its neighbours' axes, 0.53 to a line too short to say
+    assert len(from_correspondences(*near, facing=Facing(up, barely, True))) == 4
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
