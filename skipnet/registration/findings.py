@@ -28,7 +28,7 @@ CLEAN_MISMATCH, CLEAN_CLOSENESS = 0.06, 0.85
 """Where two simulated scans share little, what is right lies beside no other surface and agrees
 closely; what is wrong does not, or contradicts what was seen: of poses with a confidence of 0.3 to
 0.55 that nothing else calls in doubt 12 of 13 right ones are clean, and none of 11 wrong ones."""
-MIN_SIDED_SUPPORT, MAX_SIDED_MISMATCH = 0.12, 0.12
+MIN_SIDED_SUPPORT, MAX_SIDED_MISMATCH = 0.12, 0.15
 """Where the sides are known less support will do if hardly anything lies beside, and what agrees is
 close: of 96 simulated pairs of figures seen from unknown places 24 of 25 right poses of little
 support are so, and none of 25 wrong ones."""

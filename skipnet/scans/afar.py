@@ -11,6 +11,7 @@ import numpy as np
 
 from skipnet.scans.viewpoint import (
     MIN_SLANT_COSINE,
+    density_falloff,
     diagonal_m,
     most_hidden,
 )
@@ -26,10 +27,10 @@ have 0.35 and more, sculptures full of folds 0.2, ground, rooms and streets that
 MAX_HIDDEN = 0.15
 """From afar no more of it may be hidden; of simulated figures at most 7 % are."""
 EXPLAINED = 0.45
-"""What agrees so well with the density is the sensor's place: no others are looked for."""
-CLEARLY = 0.1
-"""A sensor's true place agrees with the density no worse than one afar, but for 0.02; places inside
-a figure by 0.15 less and more."""
+"""A place that agrees so well with the density is the sensor's: no others are looked for."""
+CLEARLY, OUTSIDE_EXTENTS = 0.1, 0.5
+"""A sensor's true place agrees with the density no worse than one afar, but for 0.02, and lies at
+least so far off; places within a figure agree by 0.02 to 0.6 less."""
 _BENT_PER_VOXEL = 0.02
 """What bends by less is flat."""
 _STEPS = 2 * (np.stack(np.unravel_index(np.arange(27), (3, 3, 3)), axis=1) - 1)
@@ -39,29 +40,34 @@ _AFAR_EXTENTS = 2.5
 """A place so far off, in the scan's own extent, shows the thing as from where a scanner stands."""
 
 
-def side_seen(skipmap: SkipMap, fine: SkipMap, than: float) -> FloatArray | None:
+def side_seen(skipmap: SkipMap, fine: SkipMap, other_m: FloatArray) -> FloatArray | None:
     """From which side a scan was taken, if it shows one side of a thing.
 
     Args:
         skipmap: the scan's Skip-map; its own viewpoint does not matter.
         fine: the same scan's at the finest level, as ``trust_in`` wants it.
-        than: how well another place agrees with the scan's density; a place afar must do better.
+        other_m: (3,) where the sensor may have stood as well, in the Skip-maps' frame: a place afar
+            must agree better with the scan's density.
 
     Returns:
         (3,) a place afar on that side, in the Skip-maps' frame; the sensor may have stood nearer,
         or somewhat aside. None where nothing tells.
     """
-    if len(skipmap) < 3 or than > EXPLAINED:
+    if len(skipmap) < 3:
+        return None
+    than = density_falloff(skipmap, other_m)
+    if than > EXPLAINED:
         return None
     rows = np.linspace(0, len(skipmap) - 1, min(len(skipmap), _SAMPLES)).astype(np.int64)
     way, falloff = _thinning(skipmap, rows)
-    if falloff < max(MIN_FALLOFF, than + CLEARLY):
+    centre_m, extent_m = skipmap.centroids_m.mean(axis=0), diagonal_m(skipmap.centroids_m)
+    is_outside = np.linalg.norm(other_m - centre_m) > OUTSIDE_EXTENTS * extent_m
+    if falloff < max(MIN_FALLOFF, than + CLEARLY * is_outside):
         return None
     convexity = _convexity(skipmap, rows, way)
     if abs(convexity) < MIN_CONVEXITY:
         return None
-    afar_m = _AFAR_EXTENTS * diagonal_m(skipmap.centroids_m) * np.sign(convexity) * way
-    place_m: FloatArray = skipmap.centroids_m.mean(axis=0) + afar_m
+    place_m: FloatArray = centre_m + _AFAR_EXTENTS * extent_m * np.sign(convexity) * way
     hidden = most_hidden((skipmap, fine), place_m, MAX_HIDDEN)
     return place_m if hidden < MAX_HIDDEN else None
 

@@ -18,7 +18,7 @@ from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image
 from skipnet.scans.record import Record
 from skipnet.scans.scan import MIN_TRUST, AutoAt, Scan, Viewpoint
-from skipnet.scans.viewpoint import density_falloff, trust_in
+from skipnet.scans.viewpoint import trust_in
 from skipnet.skipmap.resolution import choose_voxel_size
 from skipnet.skipmap.skipmap import SkipMap, skipmap_of_tree
 from skipnet.skipmap.tree import Points, SkipTree, build_tree, points_of
@@ -88,7 +88,7 @@ def _describe_one(
         place_m = transform_points(T_own_given, np.array([given_m], np.float64))[0]
     facing_m = None
     if not (viewpoint is None or is_given):
-        facing_m = side_seen(*levels[:2], density_falloff(levels[0], place_m))
+        facing_m = side_seen(*levels[:2], place_m)
     trust = 0.0
     if viewpoint is not None and facing_m is None:
         trust = trust_in(*levels[:2], place_m, is_given)

@@ -14,7 +14,10 @@ from skipnet.simulation.scanning.figures import turn_figure, turn_sculpture
 from skipnet.simulation.scanning.pairs import simulate_pair
 from skipnet.skipmap.skipmap import build_skipmap
 
-NOWHERE = -1.0
+MIDDLE_M = np.zeros(3)
+"""Of things: what their scanners give as origins."""
+UNKNOWN_M = np.array([1e6, 0, 0])
+"""Explains nothing."""
 
 
 def maps_of(points_m, voxel_size_m):
@@ -34,7 +37,7 @@ def test_the_side_of_a_figure_that_faced_the_scanner_is_found_in_its_own_frame(t
     points_m, T_own_camera = in_its_own_frame(
         turn(seed).clouds_m(0.5)[0], np.random.default_rng(seed)
     )
-    place_m = side_seen(*maps_of(points_m, 0.0025), than=0.0)
+    place_m = side_seen(*maps_of(points_m, 0.0025), MIDDLE_M)
     ways = np.array([place_m, T_own_camera[:3, 3]]) - points_m.mean(axis=0)
     ways /= np.linalg.norm(ways, axis=1)[:, None]
     assert ways[0] @ ways[1] > np.cos(np.deg2rad(20))
@@ -43,14 +46,14 @@ def test_the_side_of_a_figure_that_faced_the_scanner_is_found_in_its_own_frame(t
 @pytest.mark.parametrize("family", ["paper_room", "oblique", "terrain", "kitchen", "clutter"])
 def test_a_scan_from_within_shows_no_side_of_a_thing(family):
     points_m = simulate_pair(family, 5, points=40_000).pair.source_m.astype(float)
-    assert side_seen(*maps_of(points_m, 0.2), than=NOWHERE) is None
+    assert side_seen(*maps_of(points_m, 0.2), UNKNOWN_M) is None
 
 
 def test_a_ball_seen_all_round_has_no_side_that_was_seen():
     rng = np.random.default_rng(1)
     ball_m = rng.normal(size=(40_000, 3))
     ball_m *= 0.1 / np.linalg.norm(ball_m, axis=1)[:, None]
-    assert side_seen(*maps_of(ball_m, 0.01), than=NOWHERE) is None
+    assert side_seen(*maps_of(ball_m, 0.01), UNKNOWN_M) is None
 
 
 def half_ball_seen_from_above(bulge):
@@ -64,16 +67,17 @@ def half_ball_seen_from_above(bulge):
 
 def test_a_dome_was_seen_from_above_and_places_that_explain_its_density_are_kept():
     maps = maps_of(half_ball_seen_from_above(1.0), 0.008)
-    place_m = side_seen(*maps, than=NOWHERE)
+    place_m = side_seen(*maps, UNKNOWN_M)
     assert place_m[2] > 0.9 * np.linalg.norm(place_m)
-    assert side_seen(*maps, than=0.9) is None
+    # A parallel scanner's place is any place afar.
+    assert side_seen(*maps, 100 * place_m) is None
 
 
 def test_gentle_waves_tell_no_side():
     points_m = half_ball_seen_from_above(1.0)
     points_m[:, 2] = 0.02 * np.sin(60 * points_m[:, 0])
     assert MIN_CONVEXITY > 0.1
-    assert side_seen(*maps_of(points_m, 0.008), than=NOWHERE) is None
+    assert side_seen(*maps_of(points_m, 0.008), UNKNOWN_M) is None
 
 
 def test_an_origin_within_a_figure_is_not_its_scanners_place(tmp_path):
