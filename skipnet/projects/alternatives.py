@@ -37,7 +37,11 @@ def common_parts(
     for other in others:
         if all(len(part) == 1 for part in parts):  # as in a bare corridor: all is in doubt
             break
-        if all(_counts(other, one, joiner) for one in counting):
+        rows = (row for row, one in enumerate(counting) if not _counts(other, one, joiner))
+        against = next(rows, None)
+        if against is not None:  # asked first next time: what is less than it mostly is so again
+            counting.insert(0, counting.pop(against))
+        else:
             counting.append(other)
             number = numbered(_alike(best, other, joiner))
             parts = [

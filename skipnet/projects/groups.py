@@ -159,10 +159,10 @@ class Joiner:
         first, second = group_of[key[0]], group_of[key[1]]
         if first is second:
             return bool(self.proposed(first, key)[0])
-        T = self.proposals[key].T_target_source[0]
+        T, limit = self.proposals[key].T_target_source[0], standards.limit
         T_first_second = first.poses[key[0]] @ T @ invert(second.poses[key[1]])
-        said = self.witness.all_pairs(first.poses, second.poses, T_first_second[None])
-        return False if said.contradiction[0] > standards.limit else None
+        said = self.witness.all_pairs(first.poses, second.poses, T_first_second[None], limit)
+        return False if said.contradiction[0] > limit else None
 
     def _find_ways(self, first: Group, second: Group) -> list[Way]:
         found = [

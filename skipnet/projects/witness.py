@@ -184,21 +184,24 @@ class Witness:
         targets: Mapping[int, FloatArray],
         sources: Mapping[int, FloatArray],
         T_targets_sources: FloatArray,
+        hopeless: float | None = None,
     ) -> Testimony:
         """What every scan of one group says of every scan of another.
 
-        Of a candidate that a single pair refutes by more than ``hopeless``, the others are not
+        Of a candidate that a single pair refutes by more than is hopeless, the others are not
         asked.
 
         Args:
             targets: (4, 4) pose of each scan in its group's frame.
             sources: likewise.
             T_targets_sources: (C, 4, 4) candidates for how the groups lie to each other.
+            hopeless: what a single pair may contradict by; None for the witness's own.
         """
+        most = self.hopeless if hopeless is None else hopeless
         support, excess, worst, closest = np.zeros((4, len(T_targets_sources)))
         witnesses = np.zeros(len(T_targets_sources), dtype=np.int64)
         for a, b, near in self._meetings(targets, sources, T_targets_sources):
-            rows = np.flatnonzero(near & (worst <= self.hopeless))
+            rows = np.flatnonzero(near & (worst <= most))
             if not len(rows):
                 continue
             T_a_b = invert(targets[a]) @ T_targets_sources[rows] @ sources[b]

@@ -26,6 +26,9 @@ from skipnet.projects.motions import rival_split
 from skipnet.projects.sameness import leaders, same_place
 from skipnet.projects.tightening import tightened
 from skipnet.projects.ways import Standards, rivals
+from skipnet.projects.witness import Witness
+from skipnet.scans.describing import describe
+from skipnet.simulation.scanning.pairs import simulate_scans
 
 STRICT = Standards(limit=0.002, rival_support=0.4)
 
@@ -73,7 +76,7 @@ class Plan:
         """The scan, and those that look the same and so may stand in its place."""
         return {scan} | {other for pair in self._alike if scan in pair for other in pair}
 
-    def all_pairs(self, targets, sources, T):
+    def all_pairs(self, targets, sources, T, hopeless=None):
         said = np.array(
             [self.pair(a, b, invert(targets[a]) @ T @ sources[b]) for a in targets for b in sources]
         )
@@ -318,6 +321,22 @@ def test_a_builder_that_knows_what_was_objected_to_builds_what_a_fresh_one_does(
         assert again.shares == fresh.shares
         assert [sorted(one) for one in again.poses] == [sorted(one) for one in fresh.poses]
     assert (used._objected >= 0).any(), "something was refused"
+
+
+def test_a_refuted_pose_is_told_by_the_first_pairs_as_by_all():
+    scans = simulate_scans("paper_room", 5, 4, points=20_000)[0]
+    described = describe([one.points_m for one in scans], ["auto"] * 4)
+    witness = Witness([one.evidence for one in described])
+    own = [s.T_world_sensor @ d.T_given_own for s, d in zip(scans, described, strict=True)]
+    halves = {0: own[0], 1: own[1]}, {2: own[2], 3: own[3]}
+    T = np.tile(np.eye(4), (6, 1, 1))
+    T[:, :2, 3] = [[0, 0], [0.02, 0], [0.1, 0.1], [1, 0], [0, 2], [90, 0]]
+    whole = witness.all_pairs(*halves, T).contradiction
+    limit = 0.002
+    first = witness.all_pairs(*halves, T, limit).contradiction
+    np.testing.assert_array_equal(first > limit, whole > limit)
+    np.testing.assert_array_equal(first[whole <= limit], whole[whole <= limit])
+    assert 0 < np.sum(whole > limit) < len(T)
 
 
 def test_narrow_views_are_joined_by_pairs_that_are_sure():

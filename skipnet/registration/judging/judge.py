@@ -92,7 +92,8 @@ class Judge:
             return np.hstack([_one_way(T, a, b, self.samples, strictness) for T in some])
 
         poses = T_target_source, invert(T_target_source)
-        is_long = self.samples * len(T_target_source) > _SOON_JUDGED
+        voxels = min(self.samples, max(len(self.source.points_m), len(self.target.points_m)))
+        is_long = voxels * len(T_target_source) > _SOON_JUDGED
         there, back = (side_by_side if is_long else map)(
             one_way, poses, (self.source, self.target), (self.target, self.source)
         )

@@ -68,13 +68,31 @@ def _without_grazing(
     """(C, S) which of a's voxels that lie in free space are turned to the sensor that saw it."""
     from_origin_m = image.viewpoint_m - T_b_a[:, :3, 3]
     sensor_m = np.einsum("cji,cj->ci", T_b_a[:, :3, :3], from_origin_m)
-    pose, voxel = np.nonzero(free)
-    rays_m = a.points_m[voxel] - sensor_m[pose]
-    facing_m = np.abs(np.einsum("vi,vi->v", rays_m, a.normals[voxel]))
-    turned = facing_m >= min_facing_cosine * np.linalg.norm(rays_m, axis=1)
-    result = np.zeros_like(free)
-    result[pose[turned], voxel[turned]] = True
-    return result
+    turned = np.empty_like(free)
+    _turn_to(sensor_m, a.points_m, a.normals, free, min_facing_cosine, turned)
+    return turned
+
+
+@compiled
+def _turn_to(
+    sensor_m: FloatArray,
+    points_m: FloatArray,
+    normals: FloatArray,
+    asked: BoolArray,
+    min_cosine: float,
+    turned: BoolArray,
+) -> None:
+    """See ``_without_grazing``: which of the (C, S) voxels asked about face (C, 3) sensors."""
+    for c in range(len(sensor_m)):
+        at_x_m, at_y_m, at_z_m = sensor_m[c, 0], sensor_m[c, 1], sensor_m[c, 2]
+        for s in range(asked.shape[1]):
+            turned[c, s] = False
+            if asked[c, s]:
+                x_m, y_m = points_m[s, 0] - at_x_m, points_m[s, 1] - at_y_m
+                z_m = points_m[s, 2] - at_z_m
+                across_m = x_m * normals[s, 0] + y_m * normals[s, 1] + z_m * normals[s, 2]
+                range_m = np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)
+                turned[c, s] = abs(across_m) >= min_cosine * range_m
 
 
 @compiled
