@@ -103,7 +103,10 @@ class Builder:
         a, b, T_a_b = self.witness.meeting(groups[0], parts.T[groups[0]], groups[1], moved)
         shares, against, excess, limit = {}, {}, 0.0, self._standards.limit
         for i, (overlap, violation) in enumerate(self.witness.about(a, b, T_a_b)):
-            if self._objects(a[i : i + 1], b[i : i + 1], T_a_b[i : i + 1], overlap, violation)[0]:
+            objects = violation - STRAY_SHARE > limit
+            if overlap > self._standards.most_overlap:
+                objects |= not self.witness.same_station(a[i], b[i], T_a_b[i : i + 1])[0]
+            if objects:
                 self._objected[row] = np.roll(self._objected[row], 1, axis=0)
                 self._objected[row, 0] = a[i], b[i]
                 return False
@@ -126,14 +129,14 @@ class Builder:
         a: IntArray,
         b: IntArray,
         T_a_b: FloatArray,
-        overlap: FloatArray | float,
-        violation: FloatArray | float,
+        overlap: FloatArray,
+        violation: FloatArray,
     ) -> BoolArray:
         """(P,) whether pairs of scans refute a join."""
-        is_twin = np.atleast_1d(overlap > self._standards.most_overlap)
+        is_twin = overlap > self._standards.most_overlap
         if is_twin.any():
-            is_twin = is_twin & ~self.witness.same_station(a, b, T_a_b)
-        objects: BoolArray = is_twin | (np.asarray(violation) - STRAY_SHARE > self._standards.limit)
+            is_twin &= ~self.witness.same_station(a, b, T_a_b)
+        objects: BoolArray = is_twin | (violation - STRAY_SHARE > self._standards.limit)
         return objects
 
     def _refused(self, rows: IntArray, parts: _Parts) -> BoolArray:

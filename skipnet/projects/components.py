@@ -13,12 +13,14 @@ def components(nodes: Iterable[int], edges: Iterable[PairKey]) -> list[list[int]
     >>> components([0, 1, 2, 3], [(1, 3)])
     [[1, 3], [0], [2]]
     """
-    root = {node: node for node in nodes}
+    part_of = {node: [node] for node in nodes}
     for a, b in edges:
-        low, high = sorted((root[a], root[b]))
-        root = {node: low if r == high else r for node, r in root.items()}
-    parts = [[n for n in root if root[n] == r] for r in sorted(set(root.values()))]
-    return sorted((sorted(part) for part in parts), key=lambda part: (-len(part), part))
+        small, large = sorted((part_of[a], part_of[b]), key=len)
+        if small is not large:
+            large += small
+            part_of |= dict.fromkeys(small, large)
+    parts = {id(part): sorted(part) for part in part_of.values()}.values()
+    return sorted(parts, key=lambda part: (-len(part), part))
 
 
 def bridges(nodes: Iterable[int], edges: Sequence[PairKey]) -> list[PairKey]:

@@ -171,14 +171,13 @@ def _taken_apart(
 
 def _name(configuration: Configuration, witness: Witness) -> bytes:
     """The same for configurations that hardly differ, for most of them."""
-    name = []
+    name, centres_m = [], np.asarray(witness.centres_m)
     for poses in sorted(configuration.poses, key=min):
         scans = sorted(poses)
-        first = invert(poses[scans[0]])
-        for scan in scans:
-            T = first @ poses[scan]
-            moved_m = T[:3, :3] @ witness.centres_m[scan] + T[:3, 3]
-            steps = moved_m / (SAME_VOXELS * witness.voxel_size_m), T[:3, :2].ravel() / _SAME_TURN
-            name += [scan, *np.concatenate(steps).round().astype(int).tolist()]
-        name.append(-1)
-    return np.array(name, dtype=np.int32).tobytes()
+        T = np.array([poses[scan] for scan in scans])
+        T = invert(T[0]) @ T
+        moved_m = np.squeeze(T[:, :3, :3] @ centres_m[scans][..., None], -1) + T[:, :3, 3]
+        turns = T[:, :3, :2].reshape(-1, 6) / _SAME_TURN
+        steps = np.hstack([moved_m / (SAME_VOXELS * witness.voxel_size_m), turns]).round()
+        name += [np.column_stack([scans, steps]).ravel(), [-1]]
+    return np.concatenate(name).astype(np.int32).tobytes()
