@@ -171,7 +171,8 @@ def _taken_apart(
 
 def _name(configuration: Configuration, witness: Witness) -> bytes:
     """The same for configurations that hardly differ, for most of them."""
-    name, centres_m = [], np.asarray(witness.centres_m)
+    name: list[FloatArray] = []
+    centres_m = np.asarray(witness.centres_m)
     for poses in sorted(configuration.poses, key=min):
         scans = sorted(poses)
         T = np.array([poses[scan] for scan in scans])
@@ -179,5 +180,5 @@ def _name(configuration: Configuration, witness: Witness) -> bytes:
         moved_m = np.squeeze(T[:, :3, :3] @ centres_m[scans][..., None], -1) + T[:, :3, 3]
         turns = T[:, :3, :2].reshape(-1, 6) / _SAME_TURN
         steps = np.hstack([moved_m / (SAME_VOXELS * witness.voxel_size_m), turns]).round()
-        name += [np.column_stack([scans, steps]).ravel(), [-1]]
+        name += [np.column_stack([scans, steps]).ravel(), np.array([-1.0])]
     return np.concatenate(name).astype(np.int32).tobytes()
