@@ -123,6 +123,7 @@ class Witness:
         if violation > GROSS * self.hopeless or overlap == violation == 0:
             return overlap, violation
         said = self._ask(target, source, T_target_source[None])[:, 0]
+        del self._at_a_glance[key]  # nobody looks there again
         self._about[key] = float(said[0]), float(said[1])
         return self._about[key]
 
