@@ -50,7 +50,7 @@ class Answer:
             return Answer(poses[0], poses[1], poses[2], self.verdict, None)
         found, rotation = self.findings, T_new_old[:3, :3]
         both = np.kron(np.eye(2), rotation)
-        things, pieces = found.furnishing, found.pieces
+        things, pieces, before = found.furnishing, found.pieces, found.before
         findings = replace(
             found,
             covariance=both @ found.covariance @ both.T,
@@ -59,6 +59,7 @@ class Answer:
             free_turns=found.free_turns @ rotation.T,
             alternatives=change(found.alternatives),
             forks_m=transform_points(T_new_old, found.forks_m),
+            before=replace(before, at_m=transform_points(T_new_old, before.at_m)),
             furnishing=replace(things, gone_m=transform_points(T_new_old, things.gone_m)),
             pieces=replace(
                 pieces,

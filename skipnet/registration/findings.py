@@ -11,6 +11,7 @@ from skipnet.registration.judging.furnishing import Furnishing
 from skipnet.registration.judging.pieces import Pieces
 from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN
 from skipnet.registration.judging.score import STRAY_SHARE
+from skipnet.registration.judging.sides import Before
 from skipnet.types import FloatArray
 
 SAFE_MARGIN = 0.3
@@ -72,6 +73,8 @@ class Findings:
         "free_turns",
         "alternatives_T_target_source",
         "surfaces_part_at_m",
+        "stands_before_share",
+        "stands_before_at_m",
         "small_things_again",
         "small_things_gone_at_m",
         "pieces_again",
@@ -134,6 +137,8 @@ class Findings:
     forks_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     """(P, 3) where the scans' surfaces part, in the target's frame; see ``judging.forks``. Asked of
     scans that are both blind, and of poses that would be registered."""
+    before: Before = field(default_factory=Before.none)
+    """What stands before the side that a scan shows; asked of poses that would be registered."""
     furnishing: Furnishing = field(default_factory=Furnishing.none)
     """What the small things say of the pose; asked where both sensors' places are known."""
     pieces: Pieces = field(default_factory=Pieces.none)
@@ -207,6 +212,8 @@ class Findings:
             self.free_turns.tolist(),
             self.alternatives.tolist(),
             self.forks_m.tolist(),
+            self.before.share,
+            self.before.at_m.tolist(),
             self.furnishing.again,
             self.furnishing.gone_m.tolist(),
             self.pieces.again,

@@ -21,6 +21,7 @@ from skipnet.registration.judging.judge import LAST_ROUND, ROUNDS, Judge
 from skipnet.registration.judging.pieces import compare_pieces
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.judging.score import CHANCE_SCORE
+from skipnet.registration.judging.sides import stands_before
 from skipnet.registration.judging.sliding import GAIN_SAMPLES, ROUGH_SAMPLES
 from skipnet.registration.options import Generator, RegistrationConfig
 from skipnet.registration.settling import (
@@ -174,10 +175,11 @@ def _without_forked(answer: Answer, aligner: Aligner) -> Answer:
 def _of_one_thing(answer: Answer, source: Scan, target: Scan) -> Answer:
     """A registered answer after a look at whether the scans show one thing, or two that are alike:
     at small things that are there in one alone, and, where no sensor's place is known, at surfaces
-    that part."""
+    that part and at what stands before the side that is shown."""
     found, T = answer.findings, answer.T_target_source
     if answer.verdict.status is not Status.REGISTERED or found is None:
         return answer
+    found = replace(found, before=stands_before(T, source, target))
     if found.blind > BLIND_BOTH and found.closeness >= EXACT:
         found = replace(found, forks_m=find_forks(T, source, target))
     elif not found.is_blind:

@@ -122,6 +122,12 @@ def _why_another(findings: Findings) -> str | None:
             "differently: they may show two things that are alike, not the same one, or something "
             "was changed there; crop it, or give the places of the sensors"
         )
+    if findings.before.is_another:
+        return (
+            f"but {findings.before.share:.1%} of one scan, such as at "
+            f"{_place(findings.before.at_m)}, stands before what the other one shows there: they "
+            "may show two things that are alike, or something was moved"
+        )
     things, pieces = findings.furnishing, findings.pieces
     if things.is_another_in_bulk:
         return _scattered(things.gone_m, things.bulky_gone, things.bulky_again)

@@ -86,16 +86,16 @@ def _describe_one(
     if is_given or isinstance(viewpoint, AutoAt):
         given_m = viewpoint.place_m if isinstance(viewpoint, AutoAt) else viewpoint
         place_m = transform_points(T_own_given, np.array([given_m], np.float64))[0]
-    facing_m = None
+    image, side, afar_m, trust = None, None, None, 0.0
     if not (viewpoint is None or is_given):
-        facing_m = side_seen(*levels[:2], place_m)
-    trust = 0.0
-    if viewpoint is not None and facing_m is None:
+        afar_m = side_seen(*levels[:2], place_m)
+    if afar_m is not None:
+        side = build_range_image(points_of(cloud_m), afar_m, T_own_given)
+    elif viewpoint is not None:
         trust = trust_in(*levels[:2], place_m, is_given)
-    image = None
     if trust > 0:
         image = build_range_image(points_of(cloud_m), place_m, T_own_given)
-    record = Record(T_given_own, strays, fine_tree, image, trust, facing_m, seed)
+    record = Record(T_given_own, strays, fine_tree, image, trust, side, seed)
     return _described(record, levels, network)
 
 
@@ -118,7 +118,8 @@ def _levels(fine_tree: SkipTree) -> tuple[SkipMap, SkipMap, SkipMap]:
 def _described(record: Record, levels: tuple[SkipMap, SkipMap, SkipMap], network: Model) -> Scan:
     """The scan of a record and its Skip-maps."""
     image, rng = record.range_image, np.random.default_rng(record.seed)
-    believed_m, heard_m, trust = record.facing_m, record.facing_m, 1.0
+    believed_m = heard_m = None if record.side is None else record.side.viewpoint_m
+    trust = 1.0
     if image is not None:
         # The judge hears of places, too, that are not believed so far.
         heard_m, trust = image.viewpoint_m, record.trust

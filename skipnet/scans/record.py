@@ -16,8 +16,9 @@ from skipnet.types import FloatArray
 
 FORMAT = 2
 """Of the files; another number when the same points would be described otherwise."""
-_NOWHERE = np.full(3, np.nan)
-_UNSEEN = np.zeros((0, 0), dtype=np.float32)
+_UNSEEN = RangeImage(np.full(3, np.nan), np.zeros((0, 0), dtype=np.float32))
+"""Written where there is no image."""
+_NUMBERS = ("sums", "T_given_own", "nearest_m", "side_nearest_m")
 
 
 @dataclass(frozen=True)
@@ -34,16 +35,17 @@ class Record:
     """How far the sensor saw; None when its place is unknown, or not to be trusted at all."""
     trust: float
     """What the evidence of the sensor's place is worth: 0 when it is unknown, to 1."""
-    facing_m: FloatArray | None
-    """(3,) a place afar on the side from which a thing was seen: so much is known where the
-    sensor's own place is not. None where that is, or nothing tells."""
+    side: RangeImage | None
+    """The thing as seen from a place afar, on the side from which it was scanned: so much is known
+    where the sensor's own place is not. None where that is, or nothing tells."""
     seed: int
     """Of the order in which the judge samples voxels."""
 
 
 def write_record(record: Record, path: Path) -> None:
     """Write what is kept of a scan, as named arrays without objects."""
-    tree, image = record.fine_tree, record.range_image
+    tree = record.fine_tree
+    seen, side = record.range_image or _UNSEEN, record.side or _UNSEEN
     with replacing(path) as temporary:
         np.savez(
             temporary,
@@ -54,11 +56,12 @@ def write_record(record: Record, path: Path) -> None:
             origin_m=tree.origin_m,
             keys=tree.keys,
             sums=tree.moments.sums,
-            viewpoint_m=_NOWHERE if image is None else image.viewpoint_m,
-            nearest_m=_UNSEEN if image is None else image.nearest_m,
             trust=record.trust,
-            facing_m=_NOWHERE if record.facing_m is None else record.facing_m,
             seed=record.seed,
+            viewpoint_m=seen.viewpoint_m,
+            nearest_m=seen.nearest_m,
+            side_m=side.viewpoint_m,
+            side_nearest_m=side.nearest_m,
         )
 
 
@@ -78,13 +81,14 @@ def read_record(path: Path) -> Record:
             float(part["voxel_size_m"]), part["origin_m"], part["keys"], Moments(part["sums"])
         )
         seen = RangeImage(part["viewpoint_m"], part["nearest_m"])
+        side = RangeImage(part["side_m"], part["side_nearest_m"])
         return Record(
             T_given_own=part["T_given_own"],
             strays=int(part["strays"]),
             fine_tree=tree,
             range_image=seen if len(seen.nearest_m) else None,
             trust=float(part["trust"]),
-            facing_m=None if np.isnan(part["facing_m"]).any() else part["facing_m"],
+            side=side if len(side.nearest_m) else None,
             seed=int(part["seed"]),
         )
     except (ValueError, KeyError, TypeError) as error:
@@ -93,7 +97,7 @@ def read_record(path: Path) -> Record:
 
 def _check(part: dict[str, np.ndarray]) -> None:
     """Refuse what the compiled loops would read beyond: they ask nothing."""
-    keys, bins = part["keys"], part["nearest_m"]
+    keys, images = part["keys"], (part["nearest_m"], part["side_nearest_m"])
     fits = (
         keys.dtype == np.int64
         and keys.ndim == 1
@@ -101,12 +105,11 @@ def _check(part: dict[str, np.ndarray]) -> None:
         and bool((np.diff(keys) > 0).all())
         and part["sums"].shape == (len(keys), 10)
         and part["T_given_own"].shape == (4, 4)
-        and all(part[name].shape == (3,) for name in ("origin_m", "viewpoint_m", "facing_m"))
-        and bins.ndim == 2
-        and bins.shape[0] == bins.shape[1]
+        and all(part[name].shape == (3,) for name in ("origin_m", "viewpoint_m", "side_m"))
+        and all(bins.ndim == 2 and bins.shape[0] == bins.shape[1] for bins in images)
         and part["voxel_size_m"] > 0
-        and all(part[name].dtype.kind == "f" for name in ("sums", "T_given_own", "nearest_m"))
-        and all(np.isfinite(part[name]).all() for name in ("sums", "T_given_own", "nearest_m"))
+        and all(part[name].dtype.kind == "f" for name in _NUMBERS)
+        and all(np.isfinite(part[name]).all() for name in _NUMBERS)
     )
     if not fits:
         raise ValueError("its arrays do not fit each other")

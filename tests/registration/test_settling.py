@@ -17,6 +17,7 @@ from skipnet.registration.judging.furnishing import Furnishing
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.pieces import Pieces
 from skipnet.registration.judging.score import CHANCE_SCORE, Score
+from skipnet.registration.judging.sides import Before
 from skipnet.registration.pipeline import register
 from skipnet.registration.settling import FINALISTS, enter
 from skipnet.registration.verdict import decide, may_be_registered
@@ -102,6 +103,7 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
         ({"is_mirrored": True}, "failed", "mirror image"),
         ({"odd_share": 0.1, "blind": 1.0, "closeness": 0.9}, "ambiguous", "alike, not the same"),
         ({"odd_share": 0.02, "blind": 1.0}, "ambiguous", "alike, not the same"),
+        ({"before": Before(0.01, np.ones((1, 3)))}, "ambiguous", "1.0% of one scan, such as at (1"),
         ({"forks_m": np.ones((1, 3))}, "ambiguous", "at (1, 1, 1) in the target's frame"),
         ({"furnishing": Furnishing(6, np.ones((7, 3)))}, "ambiguous", "7 small things stand in"),
         ({"furnishing": Furnishing(9, np.ones((5, 3)), 1, 4)}, "ambiguous", "4 small things stand"),

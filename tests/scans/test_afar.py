@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,10 @@ from skipnet.geometry import invert, make_transform, random_rotation, transform_
 from skipnet.scans.afar import MIN_CONVEXITY, side_seen
 from skipnet.scans.describing import describe, restored
 from skipnet.scans.record import read_record, write_record
-from skipnet.simulation.scanning.figures import turn_figure, turn_sculpture
+from skipnet.simulation.scanning.figures import figure, turn_figure, turn_sculpture
 from skipnet.simulation.scanning.pairs import simulate_pair
+from skipnet.simulation.scenes.raycasting import Raycaster
+from skipnet.simulation.scenes.shapes import join
 from skipnet.skipmap.skipmap import build_skipmap
 
 MIDDLE_M = np.zeros(3)
@@ -91,7 +95,7 @@ def test_an_origin_within_a_figure_is_not_its_scanners_place(tmp_path):
     assert (towards > 0).mean() > 0.95
     assert scan.evidence.sides.mean() > 0.8 and scan.evidence.trust == 0
     # Who says that nobody knows is believed.
-    assert unknown.record.facing_m is None and not unknown.evidence.sides.any()
+    assert unknown.record.side is None and not unknown.evidence.sides.any()
 
     write_record(scan.record, tmp_path / "scan.npz")
     again = restored(read_record(tmp_path / "scan.npz"), scan.network)
@@ -111,3 +115,23 @@ def test_figures_in_their_own_frames_are_registered_by_their_sides():
     moved_m = transform_points(found.T_target_source, source_m)
     off_m = np.linalg.norm(moved_m - transform_points(truth, source_m), axis=1)
     assert off_m.max() < 0.002
+
+
+@pytest.mark.parametrize("seed", [519, 520])
+def test_a_limb_before_the_side_that_the_other_scan_shows_belongs_to_another_figure(seed):
+    turn_rad, rng, table = np.deg2rad(35), np.random.default_rng(seed), turn_figure(seed)
+    fewer = join(figure(np.random.default_rng([seed, 0]))[:-1])
+    other = replace(table, caster=Raycaster(fewer.vertices_m, fewer.triangles))
+    source_m, _ = in_its_own_frame(table.clouds_m(turn_rad)[0], rng)
+    same_m, _ = in_its_own_frame(table.clouds_m(turn_rad)[1], rng)
+    other_m, T_own_camera = in_its_own_frame(other.clouds_m(turn_rad)[1], rng)
+    found = skipnet.register(source_m, same_m)
+    assert found.status == "registered" and found.details["stands_before_share"] == 0
+    found = skipnet.register(source_m, other_m)
+    assert found.status == "ambiguous" and "stands before what the other one shows" in found.reason
+    (limb_m,) = np.array(found.details["stands_before_at_m"])
+    # Where the other figure's camera looks past, some centimetres before what it sees.
+    from_camera_m = np.array([limb_m, *other_m]) - T_own_camera[:3, 3]
+    range_m = np.linalg.norm(from_camera_m, axis=1)
+    beside = from_camera_m[1:] @ from_camera_m[0] / range_m[1:] / range_m[0] > 0.9999
+    assert range_m[0] < range_m[1:][beside].min() - 0.004
