@@ -18,6 +18,7 @@ from skipnet.registration.hypotheses.repeats import VOTERS, from_repeats
 from skipnet.registration.judging.forks import find_forks, surfaces_part
 from skipnet.registration.judging.furnishing import compare_things
 from skipnet.registration.judging.judge import LAST_ROUND, ROUNDS, Judge
+from skipnet.registration.judging.likeness import typical_offset
 from skipnet.registration.judging.pieces import compare_pieces
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.judging.score import CHANCE_SCORE
@@ -178,6 +179,8 @@ def _of_one_thing(answer: Answer, source: Scan, target: Scan) -> Answer:
     found, T = answer.findings, answer.T_target_source
     if answer.verdict.status is not Status.REGISTERED or found is None:
         return answer
+    if found.is_blind and not found.is_sparse:
+        found = replace(found, typical_offset=typical_offset(T, source, target))
     if found.blind > BLIND_BOTH and found.closeness >= EXACT:
         found = replace(found, forks_m=find_forks(T, source, target))
     elif not found.is_blind:

@@ -37,6 +37,10 @@ VERY_EXACT, MAX_ODD_IF_EXACT = 0.98, 0.015
 """Where so much of what agrees does so closely (``Findings.closeness``) even less may be odd: there
 right simulated poses have at most 0.003, half-blind real ones 0.010, and other specimens whose
 blocks stand but a little otherwise 0.024 and more."""
+MAX_TYPICAL_OFFSET = 3.0
+"""Under 77 right simulated poses of scans of which one has no known place half of what agrees lies
+off by 0.7 standard deviations at most, of real figures on a turntable by 1.3; two blocks of which
+one is a thirtieth larger by 7.6."""
 MIN_HELD_VOXELS = 1.0
 """Fine alignment stays where it is along a motion that is held by less (``DAMPING_VOXELS``). Of 177
 simulated answers of the fit that were held so little, one was right ..."""
@@ -115,6 +119,12 @@ def _why_another(findings: Findings) -> str | None:
         return (
             f"most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
             "scans may show two things that are alike, not the same one, or parts of it have moved"
+        )
+    if findings.typical_offset > MAX_TYPICAL_OFFSET:
+        return (
+            f"but half of them lie off by {findings.typical_offset:.0f} times as much as their "
+            "points scatter: the scans may show two things of unlike size or shape, or one is "
+            "bent; check the units and scales"
         )
     if len(findings.forks_m):
         return (
