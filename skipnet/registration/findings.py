@@ -139,6 +139,10 @@ class Findings:
     scans that are both blind, and of poses that would be registered."""
     before: Before = field(default_factory=Before.none)
     """What stands before the side that a scan shows; asked of poses that would be registered."""
+    typical_offset: float = 0.0
+    """How far off half of what agrees lies at least, in standard deviations of the points about
+    their surfaces; asked where a pose would be registered and not both sensors' places are known.
+    """
     furnishing: Furnishing = field(default_factory=Furnishing.none)
     """What the small things say of the pose; asked where both sensors' places are known."""
     pieces: Pieces = field(default_factory=Pieces.none)

@@ -18,6 +18,7 @@ from skipnet.registration.hypotheses.repeats import VOTERS, from_repeats
 from skipnet.registration.judging.forks import find_forks, surfaces_part
 from skipnet.registration.judging.furnishing import compare_things
 from skipnet.registration.judging.judge import LAST_ROUND, ROUNDS, Judge
+from skipnet.registration.judging.likeness import typical_offset
 from skipnet.registration.judging.pieces import compare_pieces
 from skipnet.registration.judging.riding import silence_riders
 from skipnet.registration.judging.score import CHANCE_SCORE
@@ -107,14 +108,16 @@ def search(
 
 def _settled(running: Contenders, aligner: Aligner, coming: Generator | None) -> Answer | None:
     """The answer, but for one with which the coming generator is asked in any case: all are weighed
-    again then, and None will do."""
+    again then, and None will do. What is a mirror image shows in the answer alone: of blind scans,
+    of which it often is one, it is asked before the last resort brings rivals."""
     if coming is None:
         return settle(running, aligner)
     blind = aligner.judge.blind
     if coming not in LAST_RESORTS and blind > MAX_BLIND:
         return None
     weighed = weigh(running, aligner)
-    may_do = weighed.may_be_registered(blind, needed(coming))
+    may_do = coming is Generator.deep and blind > BLIND_BOTH
+    may_do = may_do or weighed.may_be_registered(blind, needed(coming))
     return conclude(weighed, aligner) if may_do else None
 
 
@@ -180,6 +183,8 @@ def _of_one_thing(answer: Answer, source: Scan, target: Scan) -> Answer:
     if answer.verdict.status is not Status.REGISTERED or found is None:
         return answer
     found = replace(found, before=stands_before(T, source, target))
+    if found.is_blind and not found.is_sparse:
+        found = replace(found, typical_offset=typical_offset(T, source, target))
     if found.blind > BLIND_BOTH and found.closeness >= EXACT:
         found = replace(found, forks_m=find_forks(T, source, target))
     elif not found.is_blind:

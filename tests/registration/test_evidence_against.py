@@ -7,7 +7,7 @@ import pytest
 
 from skipnet.geometry import make_transform, transform_points
 from skipnet.registration.judging.judge import Judge
-from skipnet.registration.judging.likeness import odd_share
+from skipnet.registration.judging.likeness import odd_share, typical_offset
 from skipnet.registration.judging.riding import (
     MIN_RIDING,
     MIN_SEEN_AGAIN,
@@ -122,6 +122,17 @@ def test_what_agrees_exactly_but_for_some_parts_is_odd():
         T = np.linalg.inv(scans[1].T_given_own) @ scans[0].T_given_own
         odd[offset_m] = odd_share(T, *scans)
     assert odd[0.0] < 0.01 < 0.02 < odd[0.012]
+
+
+def test_what_is_a_little_larger_agrees_roughly_and_lies_off_everywhere():
+    row_m, found = blocks(0.0, 1), {}
+    for factor in (1.0, 1.03):
+        other_m = blocks(0.0, 2) * factor
+        scans = describe([row_m, other_m - other_m.mean(0) + row_m.mean(0)], [None, None], 0.04)
+        T = np.linalg.inv(scans[1].T_given_own) @ scans[0].T_given_own
+        found[factor] = typical_offset(T, *scans)
+    assert 0.3 < found[1.0] < 1.0, "noise alone: half of it lies within two thirds of sigma"
+    assert found[1.03] > 3.0
 
 
 @pytest.mark.parametrize(
