@@ -16,6 +16,7 @@ from skipnet.provenance import __version__
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.furnishing import Furnishing
 from skipnet.registration.judging.pieces import Pieces
+from skipnet.registration.judging.sides import Before
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.prior import Prior, PriorCheck
 from skipnet.registration.result import Registration, ScanFacts
@@ -27,7 +28,7 @@ from skipnet.types import FloatArray, Status
 
 _KINDS = {
     kind.__name__: kind
-    for kind in (Outcome, Registration, ScanFacts, Findings, Furnishing, Pieces, PriorCheck)
+    for kind in (Outcome, Registration, ScanFacts, Findings, Before, Furnishing, Pieces, PriorCheck)
 }
 
 
