@@ -198,7 +198,19 @@ def _register(source: Scan, target: Scan, config: RegistrationConfig) -> bool:
 def _facts(scan: Scan) -> ScanFacts:
     """What is known about one scan, for the result."""
     extent_m = np.ptp(scan.evidence.points_m, axis=0) if len(scan.skipmap) else None
-    return ScanFacts(extent_m, scan.viewpoint_given_m, scan.record.trust, scan.record.strays)
+    known = extent_m, scan.viewpoint_given_m, scan.record.trust, scan.record.strays
+    return ScanFacts(*known, _side_given(scan))
+
+
+def _side_given(scan: Scan) -> FloatArray | None:
+    """(3,) unit direction to where a thing was seen from, in the frame that the scan was given in;
+    None where that was not found out."""
+    side = scan.record.side
+    if side is None:
+        return None
+    way = scan.T_given_own[:3, :3] @ (side.viewpoint_m - scan.evidence.centre_m)
+    unit: FloatArray = way / np.linalg.norm(way)
+    return unit
 
 
 def _with_strays(reason: str, strays: int) -> str:

@@ -32,6 +32,9 @@ class ScanFacts:
     """What the evidence of that position is worth: 0 when it is unknown, to 1."""
     strays: int = 0
     """Points far from all others, which were left out."""
+    side: FloatArray | None = None
+    """(3,) unit direction from a thing to where its scanner stood, found in the data where the
+    position is unknown; None where nothing tells."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,8 @@ class Registration:
             "target_viewpoint_m": _listed(self.target.viewpoint_m),
             "source_trust": self.source.trust,
             "target_trust": self.target.trust,
+            "source_side": _listed(self.source.side),
+            "target_side": _listed(self.target.side),
             "source_strays": self.source.strays,
             "target_strays": self.target.strays,
             "network": self.network,

@@ -111,6 +111,9 @@ def test_figures_in_their_own_frames_are_registered_by_their_sides():
     truth = T_target @ table.T_target_source(np.deg2rad(50)) @ invert(T_source)
     found = skipnet.register(source_m, target_m)
     assert found.status == "registered" and found.findings.are_sided
+    to_camera = T_source[:3, 3] - source_m.mean(axis=0)
+    cosine = np.array(found.details["source_side"]) @ to_camera / np.linalg.norm(to_camera)
+    assert cosine > np.cos(np.deg2rad(20)) and found.details["source_viewpoint_m"] is None
     assert found.findings.blind == 1.0
     moved_m = transform_points(found.T_target_source, source_m)
     off_m = np.linalg.norm(moved_m - transform_points(truth, source_m), axis=1)
