@@ -30,13 +30,15 @@ CLEAN_MISMATCH, CLEAN_CLOSENESS = 0.06, 0.85
 closely; what is wrong does not, or contradicts what was seen: of poses with a confidence of 0.3 to
 0.55 that nothing else calls in doubt 12 of 13 right ones are clean, and none of 11 wrong ones."""
 MIN_SIDED_SUPPORT, MAX_SIDED_MISMATCH = 0.12, 0.15
-"""Where the sides are known less support will do if hardly anything lies beside, and what agrees is
-close: of 96 simulated pairs of figures seen from unknown places 24 of 25 right poses of little
-support are so, and none of 25 wrong ones."""
+"""Where the sides are known less support will do if little lies beside, and what agrees is close.
+Of 96 simulated pairs of figures seen from unknown places 13 of 16 right poses of little support are
+so, and none of 10 wrong ones; of 96 others 13 of 14, and one of 12. Right ones have a mismatch of
+0.118 at most, wrong ones so close 0.18 and more; one of 48 more had a support of 0.113."""
 
 FORCED_MISMATCH, FORCED_CLOSENESS = 0.2, 0.75
 """Where more of what comes near lies beside, and less of what agrees does so closely, surfaces are
-forced together: of 481 answers of all kinds three were registered so, all of them wrong."""
+forced together: of 529 answers of all kinds three were registered so, all wrong; of 96 others
+none, nor was any right pose."""
 
 _SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))

@@ -26,6 +26,10 @@ have 0.35 and more, sculptures full of folds 0.2, ground, rooms and streets that
 0.15 at most."""
 MAX_HIDDEN = 0.15
 """From afar no more of it may be hidden; of simulated figures at most 7 % are."""
+MAX_BEHIND = 0.03
+"""What is near is denser: a place as far behind may not agree by so much more with the density. Of
+100 simulated views of figures it does by 0.002 at most, of 24 into bowls, which are taken for domes
+seen from below, by 0.055 and more."""
 EXPLAINED = 0.45
 """A place that agrees so well with the density is the sensor's: no others are looked for."""
 CLEARLY, OUTSIDE_EXTENTS = 0.1, 0.5
@@ -68,6 +72,9 @@ def side_seen(skipmap: SkipMap, fine: SkipMap, other_m: FloatArray) -> FloatArra
     if abs(convexity) < MIN_CONVEXITY:
         return None
     place_m: FloatArray = centre_m + _AFAR_EXTENTS * extent_m * np.sign(convexity) * way
+    behind = density_falloff(skipmap, 2 * centre_m - place_m)
+    if behind - density_falloff(skipmap, place_m) > MAX_BEHIND:
+        return None
     hidden = most_hidden((skipmap, fine), place_m, MAX_HIDDEN)
     return place_m if hidden < MAX_HIDDEN else None
 

@@ -9,6 +9,7 @@ import pytest
 
 import skipnet
 from skipnet.geometry import invert, make_transform, random_rotation, transform_points
+from skipnet.registration.judging.judge import Judge
 from skipnet.scans.afar import MIN_CONVEXITY, side_seen
 from skipnet.scans.describing import describe, restored
 from skipnet.scans.record import read_record, write_record
@@ -75,6 +76,33 @@ def test_a_dome_was_seen_from_above_and_places_that_explain_its_density_are_kept
     assert place_m[2] > 0.9 * np.linalg.norm(place_m)
     # A parallel scanner's place is any place afar.
     assert side_seen(*maps, 100 * place_m) is None
+
+
+def ball_seen_by_camera(hollow):
+    """What a camera half a metre above a half ball of 10 cm sees: of a dome, or into a bowl."""
+    x, y = np.meshgrid(*[np.linspace(-0.25, 0.25, 400)] * 2)
+    ways = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    eye_m = np.array([0, 0, 0.5])
+    along = -ways @ eye_m
+    reach = along**2 - (0.25 - 0.01)
+    far = along + np.where(hollow, 1, -1) * np.sqrt(np.maximum(reach, 0))
+    points_m = eye_m + far[:, None] * ways
+    return points_m[(reach > 0) & (points_m[:, 2] * np.where(hollow, -1, 1) > 0)]
+
+
+def test_of_a_bowl_looked_into_no_side_is_told_rather_than_its_back():
+    dome_m, bowl_m = ball_seen_by_camera(False), ball_seen_by_camera(True)
+    assert side_seen(*maps_of(dome_m, 0.006), UNKNOWN_M)[2] > 0.3
+    assert side_seen(*maps_of(bowl_m, 0.006), UNKNOWN_M) is None
+
+
+def test_sides_that_are_only_likely_are_not_known():
+    points_m, _ = in_its_own_frame(turn_figure(505).clouds_m(0.5)[0], np.random.default_rng(5))
+    (scan,) = describe([points_m], ["auto"])
+    likely = replace(scan.evidence, sides=0.4 * scan.evidence.sides)
+    assert Judge(scan.evidence, scan.evidence, 100, 10.0).are_sided
+    assert not Judge(scan.evidence, likely, 100, 10.0).are_sided
 
 
 def test_gentle_waves_tell_no_side():

@@ -26,7 +26,7 @@ from skipnet.registration.judging.score import (
     Strictness,
     violation_cost,
 )
-from skipnet.registration.judging.states import facing, matches_there, states
+from skipnet.registration.judging.states import MAX_SIDES, facing, matches_there, states
 from skipnet.scans.evidence import Evidence
 from skipnet.types import FloatArray, IntArray
 
@@ -79,8 +79,9 @@ class Judge:
 
     @property
     def are_sided(self) -> bool:
-        """Whether it is known from which side both scans' surfaces were seen."""
-        return bool(self.source.sides.any() and self.target.sides.any())
+        """Whether it is known, not only likely, from which side both scans' surfaces were seen."""
+        surest = (evidence.sides.max(initial=0.0) for evidence in (self.source, self.target))
+        return bool(min(surest) > MAX_SIDES)
 
     def score(self, T_target_source: FloatArray, strictness: Strictness = FINE) -> Score:
         """Score (C, 4, 4) candidate poses by what both scans say about them."""
