@@ -27,9 +27,9 @@ have 0.35 and more, sculptures full of folds 0.2, ground, rooms and streets that
 MAX_HIDDEN = 0.15
 """From afar no more of it may be hidden; of simulated figures at most 7 % are."""
 MAX_BEHIND = 0.03
-"""What is near is denser: a place as far behind may not agree by so much more with the density. Of
-100 simulated views of figures it does by 0.002 at most, of 24 into bowls, which are taken for domes
-seen from below, by 0.055 and more."""
+"""A place as far behind may not agree by so much more with the density. Of 100 simulated views of
+figures it does by 0.002 at most, of a smooth dome by 0.02; of 24 into bowls with things in them,
+which are taken for domes seen from below, by 0.055 and more. A smooth dish is still taken so."""
 EXPLAINED = 0.45
 """A place that agrees so well with the density is the sensor's: no others are looked for."""
 CLEARLY, OUTSIDE_EXTENTS = 0.1, 0.5
