@@ -19,10 +19,9 @@ from skipnet.registration.judging.likeness import odd_share
 from skipnet.registration.judging.score import ROUGH, Score
 from skipnet.registration.judging.sliding import (
     gains_much,
-    holds,
     holds_against,
-    is_weak,
     slide,
+    weak_motions,
 )
 from skipnet.scans.scan import Scan
 from skipnet.types import FloatArray
@@ -32,7 +31,7 @@ MIN_POLISHED = 0.85
 SPARSE_FINALISTS = 6
 """Candidates of sparse scans that are worth fine alignment by GICP."""
 SLIDING_FINALISTS = 6
-"""So many candidates are slid along directions that few normals hold ..."""
+"""So many candidates are slid along motions that few normals hold ..."""
 WORTH_SLIDING = 0.5
 """... if they score this share of the best one: a slide adds two thirds to a score at most."""
 MIRROR_SAMPLES = 1500
@@ -61,7 +60,7 @@ Aligner = Union["DenseAligner", "SparseAligner"]
 
 @dataclass(frozen=True)
 class DenseAligner:
-    """Aligns by the normals of voxels, and slides along directions that few normals hold."""
+    """Aligns by the normals of voxels, and slides along motions that few normals hold."""
 
     source: Scan
     target: Scan
@@ -144,10 +143,11 @@ class DenseAligner:
         fine, total, T = aligned.fine, aligned.score.total, aligned.T_target_source.copy()
         rows = self.judge.distinct(T, aligned.score)[:SLIDING_FINALISTS]
         for row in rows[total[rows] >= WORTH_SLIDING * max(aligned.best_total, rival_total)]:
-            share, directions = holds(fine.information[row], fine.matched[row])
-            for direction in directions[is_weak(share, fine.matched[row])]:
-                if not is_hopeless or gains_much(T[row], direction, self.judge):
-                    T[row] = slide(T[row], direction, self.judge)
+            hold = fine.information[row], fine.matched[row], fine.spread_m[row]
+            for motion in weak_motions(*hold):
+                case = motion, fine.centre_m[row], self.judge
+                if not is_hopeless or gains_much(T[row], *case):
+                    T[row] = slide(T[row], *case)
         slid = np.flatnonzero((fine.T_target_source != T).any(axis=(1, 2)))
         if len(slid) == 0:
             return aligned

@@ -8,7 +8,7 @@ import numpy as np
 
 from skipnet.registration.aligners import Aligner
 from skipnet.registration.alignment.refinement import Refinement
-from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings
+from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings, lies_on_itself
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import seen_again
 from skipnet.registration.judging.score import CHANCE_SCORE, STRAY_SHARE, Score
@@ -32,7 +32,7 @@ clearly. Of 43 poses that differ by less than 0.2 at least three of ten false on
 found out that way, and one of 33 right ones, between people who passed by, is called in doubt."""
 NARROW_LEAD, NARROW_CLEAR = 0.7, 0.45
 """Two narrow views must lead by more then, or differ more clearly: most pairs of such views share
-nothing, and a bare corner lies on another corner as well. See docs/judge.md."""
+nothing, and bare corners lie on one another; so must what lies on itself. See docs/judge.md."""
 MOST_RIVALS = 12
 """Rivals with which the best pose is compared voxel by voxel."""
 HARMLESS_OVERLAP = 0.2
@@ -151,7 +151,8 @@ def compare_rivals(
     equal = score.total[rivals] > (1 - AMBIGUOUS_MARGIN) * top
     equal[:MOST_RIVALS] &= (decisive < MIN_DECISIVE) | contradicts_less
     if score.violation[first] > CONTRADICTED:
-        lead, clear = (NARROW_LEAD, NARROW_CLEAR) if are_narrow else (MIN_LEAD, MIN_CLEAR)
+        more = are_narrow or lies_on_itself(score.support[first], held_voxels(fine, first))
+        lead, clear = (NARROW_LEAD, NARROW_CLEAR) if more else (MIN_LEAD, MIN_CLEAR)
         close = score.total[near] > (1 - lead) * top
         equal[:MOST_RIVALS] |= close & (decisive < clear)
     if judge.blind > BLIND_BOTH:

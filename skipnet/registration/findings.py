@@ -40,6 +40,9 @@ FORCED_MISMATCH, FORCED_CLOSENESS = 0.2, 0.75
 forced together: of 529 answers of all kinds three were registered so, all wrong; of 96 others
 none, nor was any right pose."""
 
+ON_ITSELF_SUPPORT, ON_ITSELF_HELD_VOXELS = 0.6, 10.0
+"""So much of a tank, a bowl or a table lies on itself however it is turned, so little holds it."""
+
 _SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
 """What the confidence is made of."""
@@ -177,6 +180,11 @@ class Findings:
         return clean and (self.are_sided or not self.is_blind)
 
     @property
+    def lies_on_itself(self) -> bool:
+        """See the function."""
+        return lies_on_itself(self.support, self.held_voxels)
+
+    @property
     def may_only_ride(self) -> bool:
         """Both sensors would have stood at one place, and yet have seen different things: rings on
         flat ground, what rides along, or what repeats, may be all that speaks for it."""
@@ -234,3 +242,9 @@ class Findings:
         seen = np.array([self.support, self.margin, held])
         # Without free space the other figures must say more: they get weights of their own.
         return np.concatenate([[np.sqrt(self.violation)], seen, [self.blind], self.blind * seen])
+
+
+def lies_on_itself(support: float, held_voxels: float) -> bool:
+    """Whether nearly all agrees and yet small things alone hold a pose: it would agree in others as
+    well."""
+    return support >= ON_ITSELF_SUPPORT and held_voxels <= ON_ITSELF_HELD_VOXELS

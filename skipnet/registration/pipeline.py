@@ -16,7 +16,7 @@ from skipnet.registration.options import RegistrationConfig, as_config
 from skipnet.registration.prior import Prior, as_prior, compare, poses_about
 from skipnet.registration.result import Asked, Registration, ScanFacts
 from skipnet.registration.searching import LAST_RESORTS, search
-from skipnet.registration.second_look import is_sure, is_worth_it
+from skipnet.registration.second_look import is_sure, is_worth_it, poses_in_doubt
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.units import likeliest_unit, reason_for, size_of
 from skipnet.scans.describing import describe
@@ -79,7 +79,8 @@ def register(
     if voxel_size_m is None and is_worth_it(result, *scans):
         with clock("skip-map"):
             finer = describe(both_m, (source_at, target_at), result.voxel_size_m / 2, seed, network)
-        again = register_scans(finer[0], finer[1], _quick(config), clock, prior)
+        known = poses_in_doubt(result)
+        again = register_scans(finer[0], finer[1], _quick(config), clock, prior, known)
         result, scans = (again, finer) if is_sure(again) else (result, scans)
     if result.status is not Status.REGISTERED:
         result = _naming_units(result, points_of(both_m[0]), points_of(both_m[1]), config, seed)
@@ -92,13 +93,15 @@ def register_scans(
     config: RegistrationConfig,
     clock: Stopwatch,
     prior: Prior | None = None,
+    rivals: FloatArray | None = None,
 ) -> Registration:
-    """As ``register``, for scans that are described already, with one voxel size.
+    """As ``register``, for scans that are described already, with one voxel size; (K, 4, 4) known
+    rivals are compared with the pose that is found.
 
     The search knows neither which scan is called the source nor the frames they were given in, so
     swapping the scans gives the inverse and moving one of them moves the answer along.
     """
-    return register_with_finalists(source, target, config, clock, prior)[0]
+    return register_with_finalists(source, target, config, clock, prior, rivals)[0]
 
 
 @one_blas_thread
@@ -108,11 +111,13 @@ def register_with_finalists(
     config: RegistrationConfig,
     clock: Stopwatch,
     prior: Prior | None = None,
+    rivals: FloatArray | None = None,
 ) -> tuple[Registration, FloatArray]:
     """As ``register_scans``, with the (K, 4, 4) distinct poses that were in the last round."""
     moving, fixed = sorted((source, target), key=lambda scan: scan.rank)
-    guesses = _guesses(prior, source, target)
-    answer = search(moving, fixed, config, clock, guesses if moving is source else invert(guesses))
+    poses = _guesses(prior, source, target), _between_own(rivals, source, target)
+    guesses, known = poses if moving is source else map(invert, poses)
+    answer = search(moving, fixed, config, clock, guesses, known)
     if moving is not source:
         answer = answer.mapped(invert, invert(answer.T_target_source))
     answer = answer.mapped(
@@ -142,9 +147,14 @@ def register_with_finalists(
 
 def _guesses(prior: Prior | None, source: Scan, target: Scan) -> FloatArray:
     """(C, 4, 4) poses about a prior, between the frames in which the scans are searched."""
-    if prior is None:
+    given = None if prior is None else poses_about(prior, *_middle(source))
+    return _between_own(given, source, target)
+
+
+def _between_own(given: FloatArray | None, source: Scan, target: Scan) -> FloatArray:
+    """(C, 4, 4) poses between the frames as given, made those between which is searched."""
+    if given is None:
         return np.zeros((0, 4, 4))
-    given = poses_about(prior, *_middle(source))
     return invert(target.T_given_own) @ given @ source.T_given_own
 
 

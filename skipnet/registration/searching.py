@@ -32,6 +32,7 @@ from skipnet.registration.settling import (
     realigned,
     rivalled,
     settle,
+    still_rivals,
 )
 from skipnet.registration.stopwatch import Stopwatch
 from skipnet.registration.verdict import MIN_CONFIDENCE, decide, may_be_registered
@@ -62,12 +63,15 @@ def search(
     config: RegistrationConfig,
     clock: Stopwatch,
     guesses: FloatArray | None = None,
+    rivals: FloatArray | None = None,
     only_registered: bool = False,
 ) -> Answer:
     """Propose, verify and refine, one generator after the other until the verdict is clear.
 
-    (C, 4, 4) guesses stand among what the first generator proposes. Where a registered pose alone
-    is of use, no more is found out of the others once none can be registered.
+    (C, 4, 4) guesses stand among what the first generator proposes; a registered pose has to stand
+    against (K, 4, 4) known rivals, which a look in larger voxels found, so that normals are firm,
+    few points as the voxels have. Where a registered pose alone is of use, no more is found out of
+    the others once none can be registered.
     """
     with clock("classes"):
         evidence_s, evidence_t = side_by_side(
@@ -80,7 +84,8 @@ def search(
         return Answer.none()
     judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
-    aligner = aligner_of(source, target, judge, config.refine_samples)
+    by_normals = rivals is not None
+    aligner = aligner_of(source, target, judge, config.refine_samples, by_normals)
     running, answer = Contenders.none(), None
     generators = asked(config, source, target)
     for generator, coming in zip_longest(generators, generators[1:]):
@@ -101,7 +106,7 @@ def search(
     if answer is None:  # no pose can be registered: which is the best one, and why not?
         with clock("fine alignment"):
             return settle(running, aligner, is_refused=True)
-    answer = _with_repeats(answer, running, aligner, clock)
+    answer = _with_rivals(answer, rivals, running, aligner, clock)
     with clock("verification"):
         return _of_one_thing(_without_forked(answer, aligner), source, target)
 
@@ -121,14 +126,16 @@ def _settled(running: Contenders, aligner: Aligner, coming: Generator | None) ->
     return conclude(weighed, aligner) if may_do else None
 
 
-def _with_repeats(
+def _with_rivals(
     answer: Answer,
+    known: FloatArray | None,
     running: Contenders,
     aligner: Aligner,
     clock: Stopwatch,
 ) -> Answer:
-    """The answer after a look at what repeats: generators propose what agrees most, and where a
-    pattern brings both sensors to the same place of it, the true pose may not be among that.
+    """The answer after a look at (K, 4, 4) known rivals and at what repeats: generators propose
+    what agrees most, and where a pattern brings both sensors to the same place of it, the true pose
+    may not be among that.
 
     Scans that are both blind are not asked: nothing would contradict such rivals, and smooth shapes
     have many.
@@ -141,6 +148,9 @@ def _with_repeats(
         hypotheses = from_repeats(best, judge.source, judge.target)
     with clock("verification"):
         fresh = judge.apart(best, judge.shortlist(hypotheses.T_target_source))
+    if known is not None:
+        with clock("fine alignment"):
+            fresh = np.concatenate([still_rivals(best, known, aligner), fresh])
     if len(fresh) == 0:
         return answer
     with clock("fine alignment"):

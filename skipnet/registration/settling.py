@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from skipnet.geometry import invert, rotation_angle_rad, transform_points
 from skipnet.registration.aligners import Aligner, DenseAligner, SparseAligner
 from skipnet.registration.answer import Answer
 from skipnet.registration.contenders import Contenders
@@ -18,6 +21,7 @@ from skipnet.registration.examining import (
 from skipnet.registration.findings import Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.score import Score
+from skipnet.registration.judging.sliding import MIN_DECISIVE
 from skipnet.registration.verdict import decide, may_be_registered
 from skipnet.registration.weighing import Weighed, weigh
 from skipnet.scans.scan import Scan
@@ -31,14 +35,20 @@ GAINED_NEAR = 2.0
 of simulated and development pairs by 1.4 at most, and by 0.3 where none could be registered."""
 RISES = 1.5
 """Times that a candidate's score may rise when it is aligned once more."""
+NEAR_RAD, NEAR_VOXELS = float(np.deg2rad(15.0)), 12.0
+"""A rival turned by less, that brings the source's middle so near, is the pose itself, off a little
+along what hardly held it.
+"""
 FINALISTS = 10
 """Poses that stay in the running when the next generator is asked."""
 
 
-def aligner_of(source: Scan, target: Scan, judge: Judge, samples: int) -> Aligner:
-    """What aligns two scans finely, candidates with so many voxels; scans of few lines take
-    GICP."""
-    if not (source.is_sparse or target.is_sparse):
+def aligner_of(
+    source: Scan, target: Scan, judge: Judge, samples: int, by_normals: bool = False
+) -> Aligner:
+    """What aligns two scans finely, candidates with so many voxels; scans of few lines take GICP,
+    unless it is known that their normals are firm."""
+    if by_normals or not (source.is_sparse or target.is_sparse):
         return DenseAligner(source, target, judge, samples)
 
     def may_count(score: Score) -> bool:
@@ -91,6 +101,25 @@ def rivalled(answer: Answer, fresh: FloatArray, running: Contenders, aligner: Al
         return settle(realigned(everyone, aligner), aligner)
     found = replace(found, margin=min(found.margin, 1 - rivals.best_total / top))
     return replace(answer, verdict=decide(found), findings=found)
+
+
+def still_rivals(T_best: FloatArray, known: FloatArray, aligner: Aligner) -> FloatArray:
+    """Those of (K, 4, 4) known rivals of a (4, 4) pose that are others than it, without the near
+    ones that what tells them apart speaks against: a rougher look could not tell these from the
+    pose, but they are no repeat of it, further on in a pattern.
+    """
+    judge = aligner.judge
+    known = judge.apart(T_best, known)
+    apart, centre_m = invert(T_best) @ known, judge.source.centre_m
+    off_m = np.linalg.norm(transform_points(apart, centre_m[None])[:, 0] - centre_m, axis=1)
+    near = off_m < NEAR_VOXELS * judge.voxel_size_m
+    near &= rotation_angle_rad(apart[:, :3, :3]) < NEAR_RAD
+    if not near.any():
+        return known
+    T = aligned(known[near], Contenders.none(), aligner).T_target_source
+    T = T[judge.others(T_best, T)]
+    held = judge.decisiveness(T_best, T) >= MIN_DECISIVE
+    return np.concatenate([known[~near], T[~held]])
 
 
 def may_rival(score: Score, found: Findings, best_total: float) -> BoolArray:

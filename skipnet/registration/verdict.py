@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from skipnet.registration.alike import why_another
 from skipnet.registration.findings import (
-    BLIND_BOTH,
     CLEAN_MISMATCH,
     FEATURES,
     MOST_HELD,
@@ -31,20 +31,6 @@ MAX_VIOLATION = 0.02
 """Scans of one shell with other furniture contradict each other by 2.9 % and more, whatever else
 agrees; right poses of dense scans with passers-by by up to 1.6 %. Scans of few lines with many
 passers-by reach 6 %, and are refused: rather that than a wrong room."""
-MAX_ODD_SHARE = 0.035
-"""Right poses of simulated dense scans have at most 0.006, of real ones at most 0.024; other
-specimens and mirror images of simulated arches 0.05 to 0.14."""
-VERY_EXACT, MAX_ODD_IF_EXACT = 0.98, 0.015
-"""Where so much of what agrees does so closely (``Findings.closeness``) even less may be odd: there
-right simulated poses have at most 0.003, half-blind real ones 0.010, and other specimens whose
-blocks stand but a little otherwise 0.024 and more."""
-MAX_ODD_IF_BLIND = 0.01
-"""... and where neither sensor's place is known 0.0067, of 53 right simulated poses, sensors'
-places withheld; a wheel turned by some of its equal teeth has 0.012."""
-MAX_TYPICAL_OFFSET = 3.0
-"""Under 77 right simulated poses of scans of which one has no known place half of what agrees lies
-off by 0.7 standard deviations at most, of real figures on a turntable by 1.3; two blocks of which
-one is a thirtieth larger by 7.6."""
 MIN_HELD_VOXELS = 1.0
 """Fine alignment stays where it is along a motion that is held by less (``DAMPING_VOXELS``). Of 177
 simulated answers of the fit that were held so little, one was right ..."""
@@ -109,70 +95,10 @@ def decide(findings: Findings) -> Verdict:
     if confidence < MIN_CONFIDENCE or findings.has_too_little or findings.is_forced:
         reason = f"no pose explains both scans: in the best one {seen}"
         return Verdict(Status.FAILED, min(confidence, 0.5), reason)
-    if (why := _why_another(findings)) is not None:
+    if (why := why_another(findings)) is not None:
         return Verdict(Status.AMBIGUOUS, min(confidence, 0.5), f"{seen}, {why}")
     reason = f"{seen} and {findings.violation:.1%} contradict what the sensors saw as free"
     return Verdict(Status.REGISTERED, confidence, reason)
-
-
-def _why_another(findings: Findings) -> str | None:
-    """What says that the scans show two things that are alike, not the same one; None if nothing
-    does."""
-    most_odd = MAX_ODD_SHARE
-    if findings.closeness >= VERY_EXACT:
-        most_odd = MAX_ODD_IF_BLIND if findings.blind > BLIND_BOTH else MAX_ODD_IF_EXACT
-    if findings.is_blind and findings.odd_share > most_odd:
-        return (
-            f"most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
-            "scans may show two things that are alike, not the same one, or parts of it have moved"
-        )
-    if findings.typical_offset > MAX_TYPICAL_OFFSET:
-        return (
-            f"but half of them lie off by {findings.typical_offset:.0f} times as much as their "
-            "points scatter: the scans may show two things of unlike size or shape, or one is "
-            "bent; check the units and scales"
-        )
-    if len(findings.forks_m):
-        return (
-            f"but at {_place(findings.forks_m)} the scans' surfaces part and go on "
-            "differently: they may show two things that are alike, not the same one, or something "
-            "was changed there; crop it, or give the places of the sensors"
-        )
-    if findings.before.is_another:
-        return (
-            f"but {findings.before.share:.1%} of one scan, such as at "
-            f"{_place(findings.before.at_m)}, stands before what the other one shows there: they "
-            "may show two things that are alike, or something was moved"
-        )
-    things, pieces = findings.furnishing, findings.pieces
-    if things.is_another_in_bulk:
-        return _scattered(things.gone_m, things.bulky_gone, things.bulky_again)
-    if things.is_another:
-        return _scattered(things.gone_m, len(things.gone_m), things.again)
-    if pieces.is_most_gone:
-        return (
-            f"but {pieces.share:.0%} of what stands out in either scan, such as at "
-            f"{_place(pieces.parts_m)}, is not in the other one: they may show two places that are "
-            "alike, or nearly all was moved; add a scan, or crop what was moved"
-        )
-    if pieces.is_another:
-        return _scattered(pieces.gone_m, len(pieces.gone_m), pieces.again)
-    return None
-
-
-def _scattered(gone_m: FloatArray, gone: int, again: int) -> str:
-    """Why what lies about says that two rooms are shown."""
-    return (
-        f"but {gone} small things stand in one scan alone, such as at {_place(gone_m)}, and only "
-        f"{again} in both: they may show two rooms that are alike, or nearly all was moved; add a "
-        "scan, or crop what was moved"
-    )
-
-
-def _place(places_m: FloatArray) -> str:
-    """The first of (P, 3) places, in words."""
-    place = ", ".join(f"{coordinate:.3g}" for coordinate in places_m[0])
-    return f"({place}) in the target's frame"
 
 
 def _is_loose(findings: Findings) -> bool:

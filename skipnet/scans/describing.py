@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from skipnet.clouds.repeats import first_of_each
 from skipnet.clouds.statistics import principal_frame
 from skipnet.clouds.strays import find_strays
 from skipnet.geometry import invert, transform_points
@@ -42,7 +43,7 @@ def describe(
         seed: of the order in which the judge samples voxels.
         network: what recognises and classifies voxels; None takes the shipped one.
     """
-    clouds_m, strays = zip(*side_by_side(_without_strays, clouds_m), strict=True)
+    clouds_m, strays = zip(*side_by_side(_cleared, clouds_m), strict=True)
     points_m = [points_of(cloud_m) for cloud_m in clouds_m]
     frames = side_by_side(principal_frame, points_m)
     if voxel_size_m is None:
@@ -58,13 +59,17 @@ def describe(
 
 def common_voxel_size_m(clouds_m: Sequence[Points]) -> float:
     """The voxel size that ``describe`` chooses for these clouds."""
-    clean_m = [points_of(cloud_m) for cloud_m, _ in side_by_side(_without_strays, clouds_m)]
+    clean_m = [points_of(cloud_m) for cloud_m, _ in side_by_side(_cleared, clouds_m)]
     return choose_voxel_size(*clean_m)
 
 
-def _without_strays(cloud_m: Points) -> tuple[Points, int]:
-    """The cloud without points far from all others, and how many they are."""
-    strays = None if isinstance(cloud_m, SkipTree) else find_strays(cloud_m)
+def _cleared(cloud_m: Points) -> tuple[Points, int]:
+    """The cloud without repeats and points far from all others, and how many of these there are."""
+    if isinstance(cloud_m, SkipTree):
+        return cloud_m, 0
+    first = first_of_each(cloud_m)
+    cloud_m = cloud_m if first is None else cloud_m[first]
+    strays = find_strays(cloud_m)
     return (cloud_m, 0) if strays is None else (cloud_m[~strays], int(strays.sum()))
 
 

@@ -6,15 +6,23 @@ import numpy as np
 import pytest
 
 from skipnet.features.primitives import find_planes
-from skipnet.geometry import make_transform, random_rotation
+from skipnet.geometry import (
+    make_transform,
+    random_rotation,
+    rotation_angle_rad,
+    rotation_from_vector,
+)
 from skipnet.registration.alignment.refinement import refine
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.sliding import (
     MIN_DETERMINED,
     gains_much,
+    holds,
     holds_against,
+    is_weak,
     moves_freely,
     slide,
+    weak_motions,
 )
 from skipnet.scans.evidence import build_evidence
 from skipnet.scans.range_image import build_range_image
@@ -62,7 +70,7 @@ def open_ended():
 @pytest.mark.parametrize("shift_m", [-0.2, 0.1, 0.25])
 def test_end_walls_bring_a_shifted_pose_back(closed, shift_m):
     start = make_transform(np.eye(3), shift_m * ALONG)
-    slid = slide(start, ALONG, Judge(closed, closed, *HOW))
+    slid = slide(start, shift(ALONG), np.zeros(3), Judge(closed, closed, *HOW))
     assert abs(slid[0, 3]) < 0.25 * VOXEL_M
     np.testing.assert_array_equal(slid[1:], start[1:])
     assert not moves_freely(shift(ALONG), np.eye(4), np.zeros(3), Judge(closed, closed, *HOW))
@@ -128,7 +136,60 @@ def test_few_voxels_tell_whether_a_slide_gains_much(closed, open_ended):
     off_m = 2 * VOXEL_M
     for evidence, expected in ((closed, True), (open_ended, False)):
         judge = Judge(evidence, evidence, *HOW)
-        assert not gains_much(np.eye(4), ALONG, judge)
-        assert gains_much(make_transform(np.eye(3), off_m * ACROSS), ACROSS, judge)
+        along, across = ((shift(way), np.zeros(3), judge) for way in (ALONG, ACROSS))
+        assert not gains_much(np.eye(4), *along)
+        assert gains_much(make_transform(np.eye(3), off_m * ACROSS), *across)
         # Along the corridor only end walls make a place better than another.
-        assert gains_much(make_transform(np.eye(3), off_m * ALONG), ALONG, judge) == expected
+        assert gains_much(make_transform(np.eye(3), off_m * ALONG), *along) == expected
+
+
+def tank(seed, fitting, count=120_000, radius_m=3.0, high_m=4.0):
+    """Wall, floor and roof of a round tank around the sensor, with a box at its wall or without."""
+    rng = np.random.default_rng(seed)
+    angle, z_m = rng.uniform(0, 2 * np.pi, count), rng.uniform(-1.5, high_m - 1.5, count)
+    wall_m = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), z_m], axis=1)
+    flat_m = rng.uniform(-radius_m, radius_m, (count // 2, 3))
+    flat_m[:, 2] = rng.choice([-1.5, high_m - 1.5], len(flat_m))
+    flat_m = flat_m[np.linalg.norm(flat_m[:, :2], axis=1) < radius_m]
+    box_m = rng.uniform([2.2, -0.4, -0.5], [2.9, 0.4, 0.5], (count // 20, 3))
+    side = np.array([2.2, -0.4, 0.4])[rng.integers(3, size=len(box_m))]
+    box_m[side == 2.2, 0] = 2.2
+    box_m[side != 2.2, 1] = side[side != 2.2]
+    points_m = np.concatenate([wall_m, flat_m, *([box_m] if fitting else [])])
+    return points_m + rng.normal(0, 0.003, points_m.shape)
+
+
+@pytest.mark.parametrize("fitting", [True, False])
+def test_what_stands_at_its_wall_brings_a_turned_tank_back(fitting):
+    scans_m = [tank(seed, fitting) for seed in (1, 2)]
+    scans = [build_skipmap(points_m, VOXEL_M, np.zeros(3)) for points_m in scans_m]
+    turned = make_transform(rotation_from_vector(np.array([0, 0, 0.08])), np.zeros(3))
+    fine = refine(turned[None], [(scans[0], scans[1])], max_steps=1)
+    hold = fine.information[0], fine.matched[0], fine.spread_m[0]
+    # Normals hold all its places; of the turns that about its axis is held by noise alone.
+    motions = weak_motions(*hold)
+    assert len(motions) == 1 and not is_weak(holds(*hold[:2])[0], hold[1]).any()
+    axis = motions[0, :3] / np.linalg.norm(motions[0, :3])
+    assert abs(axis[2]) > 0.99
+    judge = Judge(*(evidence_of(points_m) for points_m in scans_m), *HOW)
+    case = motions[0], fine.centre_m[0], judge
+    slid = slide(turned, *case)
+    left_m = 3.0 * rotation_angle_rad(slid[:3, :3])
+    if fitting:
+        assert left_m < 0.5 * VOXEL_M < 3.0 * 0.08
+        assert not moves_freely(case[0], np.eye(4), *case[1:])
+    else:
+        assert moves_freely(case[0], np.eye(4), *case[1:])
+
+
+def test_a_held_pose_has_no_weak_motion_and_a_corridor_its_own():
+    rng = np.random.default_rng(0)
+    for face, expected in ((np.eye(3), 0), (np.eye(3)[1:], 1)):
+        points_m = rng.normal(size=(600, 3))
+        normals = face[rng.integers(len(face), size=600)]
+        lever_m = points_m - points_m.mean(axis=0)
+        jacobian = np.hstack([np.cross(lever_m, normals), normals])
+        spread_m = np.sqrt((lever_m**2).sum(axis=1).mean())
+        motions = weak_motions(jacobian.T @ jacobian, 600, spread_m)
+        assert len(motions) == expected
+        np.testing.assert_allclose(np.abs(motions), np.array([shift(ALONG)])[:expected], atol=1e-9)

@@ -1,8 +1,8 @@
-"""Directions in which few normals hold a pose: the judge finds the place, or finds that none is.
+"""Motions against which few normals hold a pose: the judge finds the place, or finds that none is.
 
 Two rooms through a doorway touch in the door's frame alone. Hardly any surface there faces along
 the wall, yet what each sensor saw past the frame tells where the other room must be. In a corridor
-nothing does.
+nothing does. A tank's normals hold no turn about its axis, but for their noise; its hatch does.
 """
 
 from __future__ import annotations
@@ -88,30 +88,48 @@ def holds_against(
     return np.clip(share, 0.0, 1.0), motions.T * per_lever
 
 
-def slide(T_target_source: FloatArray, direction: FloatArray, judge: Judge) -> FloatArray:
-    """Move a pose along one direction to the middle of where the judge likes it best.
+def weak_motions(information: FloatArray, matched: int, spread_m: float) -> FloatArray:
+    """(M, 6) motions, as those of ``holds_against``, along which it is worth to look for a better
+    place: the directions that few normals face, or else the turn that is held least, if few hold
+    it.
+    """
+    share, directions = holds(information, matched)
+    weak = directions[is_weak(share, matched)]
+    if len(weak):
+        return np.hstack([np.zeros_like(weak), weak])
+    share, motions = holds_against(information, matched, spread_m)
+    return motions[:1][is_weak(share[:1], matched)]
+
+
+def slide(
+    T_target_source: FloatArray, motion: FloatArray, centre_m: FloatArray, judge: Judge
+) -> FloatArray:
+    """Move a pose along one motion to the middle of where the judge likes it best.
 
     Args:
         T_target_source: (4, 4) pose.
-        direction: (3,) unit vector, target frame.
+        motion: (6,) rotation about the centre and translation, per metre of motion, target frame.
+        centre_m: (3,) target frame.
         judge: of both scans.
     """
     rough = replace(judge, samples=min(judge.samples, ROUGH_SAMPLES))
     for steps_voxels, asked in zip(STEPS_VOXELS, (rough, judge), strict=True):
-        moved = _moved(T_target_source, direction, steps_voxels * judge.voxel_size_m)
+        moved = _moved(T_target_source, motion, centre_m, steps_voxels * judge.voxel_size_m)
         total = asked.score(moved).total
         good = np.flatnonzero(total >= _PLATEAU * total.max())
         step_m = steps_voxels[good].mean() * judge.voxel_size_m
-        T_target_source = _moved(T_target_source, direction, step_m[None])[0]
+        T_target_source = _moved(T_target_source, motion, centre_m, step_m[None])[0]
     return T_target_source
 
 
-def gains_much(T_target_source: FloatArray, direction: FloatArray, judge: Judge) -> bool:
-    """Whether the judge, asked about few voxels, likes a pose far better somewhere along a
-    direction; see ``slide``."""
+def gains_much(
+    T_target_source: FloatArray, motion: FloatArray, centre_m: FloatArray, judge: Judge
+) -> bool:
+    """Whether the judge, asked about few voxels, likes a pose far better somewhere along a motion;
+    see ``slide``."""
     few = replace(judge, samples=GAIN_SAMPLES)
     steps_m = STEPS_VOXELS[0] * judge.voxel_size_m
-    total = few.score(_moved(T_target_source, direction, steps_m)).total
+    total = few.score(_moved(T_target_source, motion, centre_m, steps_m)).total
     return bool(total.max() > MUCH_GAINED * total[STEPS_VOXELS[0] == 0].max())
 
 
@@ -127,9 +145,7 @@ def moves_freely(
         judge: of both scans.
     """
     steps_m = FREE_STEPS_VOXELS * judge.voxel_size_m
-    turns = np.stack([rotation_from_vector(step_m * motion[:3]) for step_m in steps_m])
-    shifts_m = centre_m - turns @ centre_m + steps_m[:, None] * motion[3:]
-    moved = make_transform(turns, shifts_m) @ T_target_source
+    moved = _moved(T_target_source, motion, centre_m, steps_m)
     score = judge.score(moved)
     sides = np.flatnonzero(FREE_STEPS_VOXELS != 0)
     as_good = sides[score.total[sides] > (1 - MIN_DROP) * score.total[1]]
@@ -145,8 +161,11 @@ def moves_freely(
     return bool((closer[as_good] > (1 - MIN_CLOSE_DROP) * closer[1]).any())
 
 
-def _moved(T_target_source: FloatArray, direction: FloatArray, steps_m: FloatArray) -> FloatArray:
-    """(K, 4, 4) the pose moved by each of (K,) steps along the direction."""
-    moved = np.repeat(T_target_source[None], len(steps_m), axis=0)
-    moved[:, :3, 3] += steps_m[:, None] * direction
+def _moved(
+    T_target_source: FloatArray, motion: FloatArray, centre_m: FloatArray, steps_m: FloatArray
+) -> FloatArray:
+    """(K, 4, 4) the pose moved by each of (K,) steps along a motion about the centre."""
+    turns = np.stack([rotation_from_vector(step_m * motion[:3]) for step_m in steps_m])
+    shifts_m = centre_m - turns @ centre_m + steps_m[:, None] * motion[3:]
+    moved: FloatArray = make_transform(turns, shifts_m) @ T_target_source
     return moved
