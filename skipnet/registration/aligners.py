@@ -18,6 +18,7 @@ from skipnet.registration.judging.judge import HOPELESS, Judge
 from skipnet.registration.judging.likeness import odd_share
 from skipnet.registration.judging.score import ROUGH, Score
 from skipnet.registration.judging.sliding import (
+    ON_ITSELF_SUPPORT,
     gains_much,
     holds_against,
     slide,
@@ -141,10 +142,11 @@ class DenseAligner:
         being registered, only what gains much by it, as a tenth of the voxels says.
         """
         fine, total, T = aligned.fine, aligned.score.total, aligned.T_target_source.copy()
+        support = aligned.score.support
         rows = self.judge.distinct(T, aligned.score)[:SLIDING_FINALISTS]
         for row in rows[total[rows] >= WORTH_SLIDING * max(aligned.best_total, rival_total)]:
             hold = fine.information[row], fine.matched[row], fine.spread_m[row]
-            for motion in weak_motions(*hold):
+            for motion in weak_motions(*hold, may_turn=support[row] >= ON_ITSELF_SUPPORT):
                 case = motion, fine.centre_m[row], self.judge
                 if not is_hopeless or gains_much(T[row], *case):
                     T[row] = slide(T[row], *case)

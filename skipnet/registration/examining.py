@@ -8,7 +8,7 @@ import numpy as np
 
 from skipnet.registration.aligners import Aligner
 from skipnet.registration.alignment.refinement import Refinement
-from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings, lies_on_itself
+from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import seen_again
 from skipnet.registration.judging.score import CHANCE_SCORE, STRAY_SHARE, Score
@@ -17,6 +17,7 @@ from skipnet.registration.judging.sliding import (
     holds,
     holds_against,
     is_weak,
+    lies_on_itself,
     moves_freely,
 )
 from skipnet.registration.verdict import MIN_HELD_VOXELS
@@ -32,7 +33,7 @@ clearly. Of 43 poses that differ by less than 0.2 at least three of ten false on
 found out that way, and one of 33 right ones, between people who passed by, is called in doubt."""
 NARROW_LEAD, NARROW_CLEAR = 0.7, 0.45
 """Two narrow views must lead by more then, or differ more clearly: most pairs of such views share
-nothing, and bare corners lie on one another; so must what lies on itself. See docs/judge.md."""
+nothing, and bare corners lie on one another; so must what lies on itself. docs/judge.md."""
 MOST_RIVALS = 12
 """Rivals with which the best pose is compared voxel by voxel."""
 HARMLESS_OVERLAP = 0.2

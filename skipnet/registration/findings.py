@@ -12,6 +12,7 @@ from skipnet.registration.judging.pieces import Pieces
 from skipnet.registration.judging.riding import MIN_RIDING, MIN_SEEN_AGAIN
 from skipnet.registration.judging.score import STRAY_SHARE
 from skipnet.registration.judging.sides import Before
+from skipnet.registration.judging.sliding import lies_on_itself
 from skipnet.types import FloatArray
 
 SAFE_MARGIN = 0.3
@@ -39,9 +40,6 @@ FORCED_MISMATCH, FORCED_CLOSENESS = 0.2, 0.75
 """Where more of what comes near lies beside, and less of what agrees does so closely, surfaces are
 forced together: of 529 answers of all kinds three were registered so, all wrong; of 96 others
 none, nor was any right pose."""
-
-ON_ITSELF_SUPPORT, ON_ITSELF_HELD_VOXELS = 0.6, 10.0
-"""So much of a tank, a bowl or a table lies on itself however it is turned, so little holds it."""
 
 _SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
@@ -242,9 +240,3 @@ class Findings:
         seen = np.array([self.support, self.margin, held])
         # Without free space the other figures must say more: they get weights of their own.
         return np.concatenate([[np.sqrt(self.violation)], seen, [self.blind], self.blind * seen])
-
-
-def lies_on_itself(support: float, held_voxels: float) -> bool:
-    """Whether nearly all agrees and yet small things alone hold a pose: it would agree in others as
-    well."""
-    return support >= ON_ITSELF_SUPPORT and held_voxels <= ON_ITSELF_HELD_VOXELS

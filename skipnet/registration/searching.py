@@ -84,8 +84,8 @@ def search(
         return Answer.none()
     judge = Judge(evidence_s, evidence_t, config.final_samples, config.violation_weight)
     judge = silence_riders(judge, invert(target.T_given_own) @ source.T_given_own)
-    by_normals = rivals is not None
-    aligner = aligner_of(source, target, judge, config.refine_samples, by_normals)
+    known = np.zeros((0, 4, 4)) if rivals is None else rivals
+    aligner = aligner_of(source, target, judge, config.refine_samples, by_normals=len(known) > 0)
     running, answer = Contenders.none(), None
     generators = asked(config, source, target)
     for generator, coming in zip_longest(generators, generators[1:]):
@@ -106,7 +106,7 @@ def search(
     if answer is None:  # no pose can be registered: which is the best one, and why not?
         with clock("fine alignment"):
             return settle(running, aligner, is_refused=True)
-    answer = _with_rivals(answer, rivals, running, aligner, clock)
+    answer = _with_rivals(answer, known, running, aligner, clock)
     with clock("verification"):
         return _of_one_thing(_without_forked(answer, aligner), source, target)
 
@@ -128,7 +128,7 @@ def _settled(running: Contenders, aligner: Aligner, coming: Generator | None) ->
 
 def _with_rivals(
     answer: Answer,
-    known: FloatArray | None,
+    known: FloatArray,
     running: Contenders,
     aligner: Aligner,
     clock: Stopwatch,
@@ -148,7 +148,7 @@ def _with_rivals(
         hypotheses = from_repeats(best, judge.source, judge.target)
     with clock("verification"):
         fresh = judge.apart(best, judge.shortlist(hypotheses.T_target_source))
-    if known is not None:
+    if len(known):
         with clock("fine alignment"):
             fresh = np.concatenate([still_rivals(best, known, aligner), fresh])
     if len(fresh) == 0:

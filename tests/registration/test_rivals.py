@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from skipnet.registration.alignment.refinement import no_refinement
+from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.examining import compare_rivals
 from skipnet.registration.judging.score import Score
 
 
-def rivals(contradicted, lead, clear, are_narrow):
+def rivals(contradicted, lead, clear, are_narrow, held_voxels=100.0):
     """How many poses rival one that leads them by so much, and is told from them so clearly."""
     T = np.tile(np.eye(4), (2, 1, 1))
     T[1, :3, :3] = np.diag([-1.0, -1.0, 1.0])  # turned by half: no repeat of the first
@@ -20,7 +20,10 @@ def rivals(contradicted, lead, clear, are_narrow):
     violation = np.full(2, contradicted)
     score = Score(total, total, violation, total, violation, np.zeros(2))
     judge = SimpleNamespace(blind=1.0, decisiveness=lambda best, others: np.array([clear]))
-    found = compare_rivals(judge, no_refinement(T), T, score, np.arange(2), are_narrow)
+    information = np.repeat(np.diag([held_voxels, 300, 300, 300, 300, 300])[None], 2, axis=0)
+    matched, spread_m = np.full(2, 900), np.ones(2)
+    fine = Refinement(T, information, matched, np.zeros((2, 3)), spread_m)
+    found = compare_rivals(judge, fine, T, score, np.arange(2), are_narrow)
     return len(found.alternatives)
 
 
@@ -37,3 +40,5 @@ def rivals(contradicted, lead, clear, are_narrow):
 def test_a_contradicted_narrow_view_must_lead_by_more(contradicted, lead, clear, wide, narrow):
     assert rivals(contradicted, lead, clear, are_narrow=False) == wide
     assert rivals(contradicted, lead, clear, are_narrow=True) == narrow
+    # What lies on itself and is hardly held must lead as narrow views must.
+    assert rivals(contradicted, lead, clear, False, held_voxels=5.0) == narrow

@@ -10,9 +10,9 @@ import pytest
 
 from skipnet.geometry import invert, make_transform, rotation_from_vector, transform_points
 from skipnet.registration import pipeline, searching
-from skipnet.registration.findings import ON_ITSELF_HELD_VOXELS, ON_ITSELF_SUPPORT
 from skipnet.registration.hypotheses.hypotheses import Hypotheses
 from skipnet.registration.judging.judge import Judge
+from skipnet.registration.judging.sliding import ON_ITSELF_HELD_VOXELS, ON_ITSELF_SUPPORT
 from skipnet.registration.options import RegistrationConfig
 from skipnet.registration.pipeline import register, register_scans
 from skipnet.registration.second_look import MIN_SURE, is_sure, is_worth_it, poses_in_doubt

@@ -167,7 +167,8 @@ def test_what_stands_at_its_wall_brings_a_turned_tank_back(fitting):
     fine = refine(turned[None], [(scans[0], scans[1])], max_steps=1)
     hold = fine.information[0], fine.matched[0], fine.spread_m[0]
     # Normals hold all its places; of the turns that about its axis is held by noise alone.
-    motions = weak_motions(*hold)
+    motions = weak_motions(*hold, may_turn=True)
+    assert len(weak_motions(*hold, may_turn=False)) == 0
     assert len(motions) == 1 and not is_weak(holds(*hold[:2])[0], hold[1]).any()
     axis = motions[0, :3] / np.linalg.norm(motions[0, :3])
     assert abs(axis[2]) > 0.99
@@ -190,6 +191,6 @@ def test_a_held_pose_has_no_weak_motion_and_a_corridor_its_own():
         lever_m = points_m - points_m.mean(axis=0)
         jacobian = np.hstack([np.cross(lever_m, normals), normals])
         spread_m = np.sqrt((lever_m**2).sum(axis=1).mean())
-        motions = weak_motions(jacobian.T @ jacobian, 600, spread_m)
+        motions = weak_motions(jacobian.T @ jacobian, 600, spread_m, may_turn=True)
         assert len(motions) == expected
         np.testing.assert_allclose(np.abs(motions), np.array([shift(ALONG)])[:expected], atol=1e-9)

@@ -33,6 +33,8 @@ MIN_CLOSE_DROP = 0.3
 """... or of what the closer look says, which is stricter about ends and borders, too ..."""
 MIN_DECISIVE = 0.5
 """... or what tells the places apart must speak for it as clearly as this."""
+ON_ITSELF_SUPPORT, ON_ITSELF_HELD_VOXELS = 0.6, 10.0
+"""So much of a tank, a bowl or a table lies on itself however it is turned, so little holds it."""
 _PLATEAU = 0.99
 """Scores that are this near to the best one are equal to it, up to sampling."""
 
@@ -88,17 +90,25 @@ def holds_against(
     return np.clip(share, 0.0, 1.0), motions.T * per_lever
 
 
-def weak_motions(information: FloatArray, matched: int, spread_m: float) -> FloatArray:
+def weak_motions(
+    information: FloatArray, matched: int, spread_m: float, may_turn: bool
+) -> FloatArray:
     """(M, 6) motions, as those of ``holds_against``, along which it is worth to look for a better
-    place: the directions that few normals face, or else the turn that is held least, if few hold
-    it.
+    place: the directions that few normals face; if there are none, and the pose may turn, the
+    motion that is held least, if few hold it.
     """
     share, directions = holds(information, matched)
     weak = directions[is_weak(share, matched)]
-    if len(weak):
+    if len(weak) or not may_turn:
         return np.hstack([np.zeros_like(weak), weak])
     share, motions = holds_against(information, matched, spread_m)
     return motions[:1][is_weak(share[:1], matched)]
+
+
+def lies_on_itself(support: float, held_voxels: float) -> bool:
+    """Whether nearly all agrees and yet small things alone hold a pose: it would agree in others as
+    well."""
+    return support >= ON_ITSELF_SUPPORT and held_voxels <= ON_ITSELF_HELD_VOXELS
 
 
 def slide(
