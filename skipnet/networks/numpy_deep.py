@@ -120,8 +120,7 @@ class DeepNumpyNetwork(OnGrids):
             for block in range(self.card["widths"]["blocks"])
         ]
         return [
-            one.reshape(len(one), 9, -1).transpose(2, 1, 0).reshape(len(one), -1)
-            for one in weights
+            one.reshape(len(one), 9, -1).transpose(2, 1, 0).reshape(len(one), -1) for one in weights
         ]
 
     @cached_property

@@ -132,8 +132,10 @@ def compare_rivals(
     score: Score,
     kept: IntArray,
     are_narrow: bool = False,
+    one_will_do: bool = False,
 ) -> Rivals:
-    """Compare the best of (K,) kept poses with the others.
+    """Compare the best of (K,) kept poses with the others; where one alternative will do, no more
+    are looked for once there is one.
 
     One that scores nearly as much is as good, unless what tells the two apart speaks for the best
     one, and the rival does not contradict less: the next bay agrees in more where both sensors
@@ -157,7 +159,8 @@ def compare_rivals(
     if judge.blind > BLIND_BOTH:
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:
-        repeated = _repeats(judge, fine, T_target_source, score, first, rivals)
+        known = equal | harmless
+        repeated = _repeats(judge, fine, T_target_source, score, first, rivals, known, one_will_do)
     return Rivals(
         margin=float(max(1 - closest / top, 0.0)),
         decisiveness=float(decisive.min(initial=1.0)),
@@ -172,8 +175,11 @@ def _repeats(
     score: Score,
     first: int,
     rivals: IntArray,
+    known: BoolArray,
+    one_will_do: bool,
 ) -> BoolArray:
-    """(R,) which rivals explain the data without an objection, though less of them.
+    """(R,) which rivals explain the data without an objection, though less of them; not asked of
+    those that are known for alternatives anyway.
 
     Steps, bays, trailers in a row, the sides of a pedestal: the pose that lays most on most is the
     one that brings both sensors to the same place of the pattern, not the right one.
@@ -182,7 +188,10 @@ def _repeats(
     share = REPEATED_ON_MAP if judge.blind > MAX_BLIND else REPEATED_SCORE
     least = max(share * score.total[first], REPEATED_TOTAL)
     repeated: BoolArray = (score.contradiction[rivals] <= most) & (score.total[rivals] >= least)
+    repeated &= ~known
     for row in np.flatnonzero(repeated):
+        if one_will_do and (known.any() or repeated[:row].any()):
+            break
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])
     return repeated
 
