@@ -10,7 +10,7 @@ import numpy as np
 
 from skipnet.compiled import compiled
 from skipnet.features.grids import CHANNELS, HEIGHTS, RADII, SCALES, SECTORS
-from skipnet.types import FloatArray, IntArray
+from skipnet.types import BoolArray, FloatArray, IntArray
 
 TILES = (SCALES, HEIGHTS // 2, RADII // 2, SECTORS // 2)
 """Scales, heights, radii and sectors of a grid's tiles; those of neighbouring sectors overlap."""
@@ -24,11 +24,11 @@ def list_tiles(grids: FloatArray) -> tuple[IntArray, IntArray]:
     held = np.zeros((len(grids), *TILES), np.bool_)
     _mark(grids, held)
     near = held | np.roll(held, 1, -1) | np.roll(held, -1, -1)
-    return tuple(np.argwhere(marked).astype(np.int32) for marked in (held, near))  # type: ignore
+    return np.argwhere(held).astype(np.int32), np.argwhere(near).astype(np.int32)
 
 
 @compiled
-def _mark(grids: FloatArray, held: FloatArray) -> None:
+def _mark(grids: FloatArray, held: BoolArray) -> None:
     """Mark the tiles with a cell that counts something: where none does, all is 0."""
     for n in range(len(grids)):
         for s in range(held.shape[1]):

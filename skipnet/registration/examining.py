@@ -9,16 +9,11 @@ import numpy as np
 from skipnet.registration.aligners import Aligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings
+from skipnet.registration.freedom import free_directions, free_turns
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import seen_again
 from skipnet.registration.judging.score import CHANCE_SCORE, STRAY_SHARE, Score
-from skipnet.registration.judging.sliding import (
-    MIN_DETERMINED,
-    holds,
-    holds_against,
-    is_weak,
-    moves_freely,
-)
+from skipnet.registration.judging.sliding import holds_against, moves_freely
 from skipnet.registration.verdict import MIN_HELD_VOXELS
 from skipnet.types import BoolArray, FloatArray, IntArray
 
@@ -56,10 +51,6 @@ MORE_MISMATCH = 0.03
 situations in development no registered right pose has such a rival with more than a quarter of its
 support; stairs and rows of trailers have 0.68 and more."""
 SAME_TURN_COSINE = float(np.cos(0.05))
-MIN_THICKNESS_VOXELS = 0.5
-"""A scan whose voxels scatter by less about their plane is that plane."""
-MIN_SPARSE_HOLD = 6.0
-"""Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 
 
 def find_out(
@@ -80,7 +71,7 @@ def find_out(
         rivals: what the others say.
     """
     T_best, held = best.T_target_source[0], held_voxels(best, 0)
-    directions = _free_directions(judge, best, aligner.is_sparse)
+    directions = free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
     is_blind = judge.blind > MAX_BLIND  # elsewhere what is odd decides nothing
     # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
@@ -108,7 +99,7 @@ def find_out(
         covariance=aligner.doubt(held) * best.covariance[0],
         covariance_centre_m=best.centre_m[0],
         free_directions=directions,
-        free_turns=np.zeros((0, 3)) if no_turns else _free_turns(judge, best),
+        free_turns=np.zeros((0, 3)) if no_turns else free_turns(judge, best),
         alternatives=rivals.alternatives,
     )
 
@@ -218,41 +209,3 @@ def held_voxels(fine: Refinement, row: int) -> float:
     """Voxels, in effect, that hold one pose against the small motion that is held least."""
     share, _ = holds_against(fine.information[row], fine.matched[row], fine.spread_m[row])
     return float(share[0] * fine.matched[row])
-
-
-def _free_directions(judge: Judge, best: Refinement, is_sparse: bool) -> FloatArray:
-    """(F, 3) directions along which one pose can slide, in the target's frame.
-
-    Noise may roughen a scan that shows nothing but one plane; it holds nothing all the same.
-    """
-    turns = best.T_target_source[0, :3, :3], np.eye(3)
-    for scan, turn in zip((judge.source, judge.target), turns, strict=True):
-        square_m2, axes = np.linalg.eigh(np.cov(scan.points_m.T.astype(np.float64)))
-        if np.sqrt(square_m2[0]) < MIN_THICKNESS_VOXELS * judge.voxel_size_m:
-            in_plane: FloatArray = (turn @ axes[:, 1:]).T
-            return in_plane
-    T, centre_m = best.T_target_source[0], best.centre_m[0]
-    share, directions = holds(best.information[0], best.matched[0])
-    free = [
-        direction
-        for part, direction in zip(share, directions, strict=True)
-        if is_weak(part, best.matched[0])
-        and (
-            (is_sparse and part * best.matched[0] < MIN_SPARSE_HOLD)
-            or moves_freely(np.append(np.zeros(3), direction), T, centre_m, judge)
-        )
-    ]
-    return np.array(free).reshape(-1, 3)
-
-
-def _free_turns(judge: Judge, best: Refinement) -> FloatArray:
-    """(G, 3) axes about which one pose can turn."""
-    T, centre_m = best.T_target_source[0], best.centre_m[0]
-    share, motions = holds_against(best.information[0], best.matched[0], best.spread_m[0])
-    weak = motions[(share < MIN_DETERMINED) & motions[:, :3].any(axis=1)]
-    turns = [
-        motion[:3] / np.linalg.norm(motion[:3])
-        for motion in weak
-        if moves_freely(motion, T, centre_m, judge)
-    ]
-    return np.array(turns).reshape(-1, 3)
