@@ -95,7 +95,8 @@ def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: Leve
     turned = frames * (_GRID / (2 * REACH_VOXELS))
     kind = 1.9999 * outer_products(frames[:, :, 0])
     around = np.concatenate([level.moments.mean, level.alignment], axis=1)[order]
-    slices = _count(
+    sectors = np.empty((len(rows), SECTORS, _BINS // _SLICES), dtype=np.float32)
+    _count(
         middle.astype(np.float32),
         turned.astype(np.float32),
         kind.astype(np.float32),
@@ -103,25 +104,27 @@ def _one_scale(skipmap: SkipMap, rows: IntArray, frames: FloatArray, level: Leve
         first,
         last,
         _bin_of_place(),
+        sectors,
     )
-    sectors = np.empty((len(rows), SECTORS, _BINS // _SLICES), dtype=np.float32)
-    _add_slices(slices, sectors)
     return np.log(sectors, out=sectors)
 
 
 @compiled
 def _add_slices(slices: IntArray, sectors: FloatArray) -> None:
-    """1 + what each of a voxel's sectors takes of its (K, 501) counts by slice, into (K, 5, 50)."""
-    own, beside = np.float32(0.75), np.float32(0.25)
-    size = sectors.shape[2]
-    for k in range(len(sectors)):
-        for sector in range(SECTORS):
-            first = 2 * sector * size
-            before, after = (first - size) % _BINS, (first + 2 * size) % _BINS
-            for b in range(size):
-                inner = np.float32(slices[k, first + b] + slices[k, first + size + b])
-                outer = np.float32(slices[k, before + b] + slices[k, after + b])
-                sectors[k, sector, b] = np.float32(1) + (own * inner + beside * outer)
+    """1 + what each of a voxel's (5, 50) sectors takes of its (501,) counts by slice."""
+    within, beside = np.float32(0.75), np.float32(0.25)
+    size = sectors.shape[1]
+    for sector in range(SECTORS):
+        first = 2 * sector * size
+        before, after = (first - size) % _BINS, (first + 2 * size) % _BINS
+        # Slices of their own: then the compiler takes several bins at a time.
+        own, other = slices[first : first + size], slices[first + size : first + 2 * size]
+        last, following = slices[before : before + size], slices[after : after + size]
+        filled = sectors[sector]
+        for b in range(len(filled)):
+            inner = np.float32(own[b] + other[b])
+            outer = np.float32(last[b] + following[b])
+            filled[b] = np.float32(1) + (within * inner + beside * outer)
 
 
 @compiled
@@ -133,19 +136,21 @@ def _count(
     first: IntArray,
     last: IntArray,
     bin_of_place: IntArray,
-) -> IntArray:
-    """Count what lies around (K, 3) voxels, by slice, kind, radius and height: (K, 501) int32.
+    sectors: FloatArray,
+) -> None:
+    """Count what lies around (K, 3) voxels, by slice, kind, radius and height, and add the slices.
 
     Where each one lies is worked out for all of a run, several at a time; to leave some out would
-    take longer. The last column counts what is outside.
+    take longer. The counts of one voxel at a time stay in the processor's cache.
 
     Args:
         middle: float32 the voxels, in those of the level.
         frames: (K, 3, 3) their axes and two tangents, in columns, as long as there are places.
         own: (K, 6) ``outer_products`` of their axes, times twice a little less than 1.
         around, first, last, bin_of_place: of ``runs_around`` and of ``_bin_of_place``.
+        sectors: (K, 5, 50) to fill.
     """
-    counts = np.zeros((len(middle), _BINS + 1), dtype=np.int32)
+    counts = np.empty(_BINS + 1, dtype=np.int32)  # the last one is of what is outside
     places = np.empty(around.shape[1], dtype=np.int32)
     side, most_kind = np.int32(_PLACES), np.float32(KINDS - 1)
     least, most, half = np.float32(0), np.float32(_GRID + 1), np.float32(_GRID / 2 + 1)
@@ -156,6 +161,7 @@ def _count(
         v_x, v_y, v_z = frames[k, 0, 2], frames[k, 1, 2], frames[k, 2, 2]
         k_xx, k_xy, k_xz = own[k, 0], own[k, 1], own[k, 2]
         k_yy, k_yz, k_zz = own[k, 3], own[k, 4], own[k, 5]
+        counts[:] = 0
         for run in range(3):
             start, stop = first[k, run], last[k, run]
             x_s, y_s, z_s = around[0, start:stop], around[1, start:stop], around[2, start:stop]
@@ -173,8 +179,8 @@ def _count(
                 kind += yy[w] * k_yy + yz[w] * k_yz + zz[w] * k_zz
                 places[w] += np.int32(min(most_kind, max(least, kind))) * (side * side * side)
             for w in range(len(x_s)):
-                counts[k, bin_of_place[places[w]]] += 1
-    return counts
+                counts[bin_of_place[places[w]]] += 1
+        _add_slices(counts, sectors[k])
 
 
 @cache

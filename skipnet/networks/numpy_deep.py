@@ -11,22 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from skipnet.features.grids import (
-    CHANNELS,
-    HEIGHTS,
-    RADII,
-    SCALES,
-    SECTORS,
-)
+from skipnet.features.grids import CHANNELS, GRID_SHAPE, HEIGHTS, RADII, SCALES
 from skipnet.networks.on_grids import OnGrids, check_grids
-from skipnet.types import FloatArray
+from skipnet.networks.tiles import (
+    TILE_SIZE,
+    TILES,
+    add_across,
+    cut_tiles,
+    join_sectors,
+    list_tiles,
+)
+from skipnet.types import FloatArray, IntArray
 
 _CHUNK = 32
 """Voxels that are read at a time: what is computed of them stays in the processor's cache."""
 _TINY = 1e-5
 """Added to variances, as torch does."""
-_JOINED = (SCALES, HEIGHTS // 2, RADII // 2, SECTORS // 2)
-"""Scales, heights, radii and sectors once 2 x 2 x 2 cells are joined."""
 
 
 class DeepNumpyNetwork(OnGrids):
@@ -65,42 +65,78 @@ class DeepNumpyNetwork(OnGrids):
 
     def _hidden(self, grids: FloatArray) -> FloatArray:
         """(N, hidden) units of (N, 2, 8, 6, 16, 7) grids."""
-        cells = self._joined(grids)
+        held, near = list_tiles(grids)
+        cells = np.repeat(self._empty_cells, len(grids), axis=0)
+        cells[tuple(held.T)] = self._joined(grids, held)
         for block in range(self.card["widths"]["blocks"]):
-            cells += self._local(f"blocks.{block}", cells)
+            cells += self._local(block, cells, near)
         cells = _rectify(self._normalised("norm", cells))
         by_sector = np.ascontiguousarray(cells.transpose(0, 4, 1, 2, 3, 5))
-        units = _rectify(self._linear("sector", by_sector.reshape(len(grids), _JOINED[3], -1)))
+        units = _rectify(self._linear("sector", by_sector.reshape(len(grids), TILES[3], -1)))
         return _rectify(self._linear("around", _neighbouring_sectors(units)).max(axis=1))
 
-    def _joined(self, grids: FloatArray) -> FloatArray:
-        """(N, 2, 4, 3, 8, local): 2 x 2 x 4 scaled cells together, sectors overlapping."""
-        scaled = (grids - self._mean) * self._gain
-        scales, heights, radii, sectors = _JOINED
-        wide = np.concatenate([scaled[..., -1:, :], scaled, scaled[..., :1, :]], axis=-2)
-        tiles = np.empty((len(grids), scales, heights, radii, sectors, 2, 2, 4 * CHANNELS), "f4")
-        rows = wide.reshape(len(grids), scales, heights, 2, radii, 2, -1)
-        for sector in range(sectors):
-            own = slice(2 * CHANNELS * sector, CHANNELS * (2 * sector + 4))
-            tiles[:, :, :, :, sector] = rows[..., own].transpose(0, 1, 2, 4, 3, 5, 6)
-        return _rectify(self._linear("joining", tiles.reshape(*tiles.shape[:5], -1)))
+    def _joined(self, grids: FloatArray, held: IntArray) -> FloatArray:
+        """(M, local): 2 x 2 x 4 scaled cells together, at (M, 5) places of ``list_tiles``."""
+        tiles = np.empty((len(held), TILE_SIZE), np.float32)
+        scaling = self.weights["input_mean"], self.weights["input_gain"]
+        cut_tiles(grids, *scaling, held, tiles)
+        return _rectify(self._linear("joining", tiles))
 
-    def _local(self, block: str, cells: FloatArray) -> FloatArray:
-        """(N, 2, 4, 3, 8, local): see ``LocalBlock``."""
-        near = _neighbouring_sectors(self._normalised(f"{block}.norm", cells))
-        inner = _rectify(self._linear(f"{block}.around", near))
-        said = np.empty_like(cells)
-        said[:] = self.weights[f"{block}.across.bias"]
-        across = self.weights[f"{block}.across.weight"]
-        parts = across.reshape(len(across), 3, 3, -1)
-        heights, radii = _JOINED[1:3]
-        for up in range(3):
-            for out in range(3):
-                there = inner @ parts[:, up, out].T
-                to_h, from_h = _overlap(1 - up, heights)
-                to_r, from_r = _overlap(1 - out, radii)
-                said[:, :, to_h, to_r] += there[:, :, from_h, from_r]
+    def _local(self, block: int, cells: FloatArray, near: IntArray) -> FloatArray:
+        """(N, 2, 4, 3, 8, local): see ``LocalBlock``. What the first block says differs from what
+        it says of an empty grid by what tiles at (R, 5) places of ``list_tiles`` say."""
+        if block:  # what the block before said reaches further
+            return self._said(block, cells)
+        inner_of_empty, said_of_empty = self._said_of_empty
+        said = np.repeat(said_of_empty, len(cells), axis=0)
+        self._tell(block, self._inner(block, cells, near) - inner_of_empty[near[:, 1]], near, said)
         return said
+
+    def _said(self, block: int, cells: FloatArray) -> FloatArray:
+        """(N, 2, 4, 3, 8, local): as ``_local``, of all tiles."""
+        said = np.empty_like(cells)
+        said[:] = self.weights[f"blocks.{block}.across.bias"]
+        every = _every_tile(len(cells))
+        self._tell(block, self._inner(block, cells, every), every, said)
+        return said
+
+    def _inner(self, block: int, cells: FloatArray, where: IntArray) -> FloatArray:
+        """(R, local): what tiles at (R, 5) places and those beside them have to say."""
+        normalised = self._normalised(f"blocks.{block}.norm", cells)
+        joined = np.empty((len(where), 3 * cells.shape[-1]), np.float32)
+        join_sectors(normalised, where, joined)
+        return _rectify(self._linear(f"blocks.{block}.around", joined))
+
+    def _tell(self, block: int, inner: FloatArray, where: IntArray, said: FloatArray) -> None:
+        """Add what (R, local) tiles at (R, 5) places say to those above, below, in and out."""
+        across = inner @ self._across[block]
+        add_across(said, where, across.reshape(len(where), 3, 3, -1))
+
+    @cached_property
+    def _across(self) -> list[FloatArray]:
+        """Per block (local, 9 local) weights: from one tile to its nine neighbours."""
+        weights = [
+            self.weights[f"blocks.{block}.across.weight"]
+            for block in range(self.card["widths"]["blocks"])
+        ]
+        return [
+            one.reshape(len(one), 9, -1).transpose(2, 1, 0).reshape(len(one), -1) for one in weights
+        ]
+
+    @cached_property
+    def _empty_cells(self) -> FloatArray:
+        """(1, 2, 4, 3, 8, local) of a grid in which nothing is."""
+        grid = np.zeros((1, *GRID_SHAPE), np.float32)
+        return self._joined(grid, _every_tile(1)).reshape(1, *TILES, -1)
+
+    @cached_property
+    def _said_of_empty(self) -> tuple[FloatArray, FloatArray]:
+        """(2, local) what each scale's tiles have to say in the first block where nothing is, and
+        (1, 2, 4, 3, 8, local) what is said then."""
+        first_of_each = np.zeros((TILES[0], 5), np.int32)
+        first_of_each[:, 1] = np.arange(TILES[0])
+        cells = self._empty_cells
+        return self._inner(0, cells, first_of_each), self._said(0, cells)
 
     def _linear(self, name: str, values: FloatArray) -> FloatArray:
         flat = values.reshape(-1, values.shape[-1]) @ self.weights[f"{name}.weight"].T
@@ -115,14 +151,6 @@ class DeepNumpyNetwork(OnGrids):
         centred *= self.weights[f"{name}.weight"]
         centred += self.weights[f"{name}.bias"]
         return centred
-
-    @cached_property
-    def _mean(self) -> FloatArray:
-        return self.weights["input_mean"][:, None, None, None]
-
-    @cached_property
-    def _gain(self) -> FloatArray:
-        return self.weights["input_gain"][:, None, None, None]
 
 
 def shapes_of(local: int, hidden: int, output: int, blocks: int) -> dict[str, tuple[int, ...]]:
@@ -150,9 +178,9 @@ def _neighbouring_sectors(cells: FloatArray) -> FloatArray:
     return np.concatenate([np.roll(cells, 1, -2), cells, np.roll(cells, -1, -2)], axis=-1)
 
 
-def _overlap(shift: int, count: int) -> tuple[slice, slice]:
-    """Of ``count`` places moved on by a shift: where they come to lie, and which they are."""
-    return slice(max(shift, 0), count + min(shift, 0)), slice(max(-shift, 0), count - max(shift, 0))
+def _every_tile(grids: int) -> IntArray:
+    """(R, 5) places of all tiles of so many grids, as of ``list_tiles``."""
+    return np.argwhere(np.ones((grids, *TILES), np.bool_)).astype(np.int32)
 
 
 def _rectify(values: FloatArray) -> FloatArray:

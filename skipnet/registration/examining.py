@@ -9,14 +9,12 @@ import numpy as np
 from skipnet.registration.aligners import Aligner
 from skipnet.registration.alignment.refinement import Refinement
 from skipnet.registration.findings import BLIND_BOTH, MAX_BLIND, Findings
+from skipnet.registration.freedom import free_directions, free_turns
 from skipnet.registration.judging.judge import Judge
 from skipnet.registration.judging.riding import seen_again
 from skipnet.registration.judging.score import CHANCE_SCORE, STRAY_SHARE, Score
 from skipnet.registration.judging.sliding import (
-    MIN_DETERMINED,
-    holds,
     holds_against,
-    is_weak,
     lies_on_itself,
     moves_freely,
 )
@@ -57,10 +55,6 @@ MORE_MISMATCH = 0.03
 situations in development no registered right pose has such a rival with more than a quarter of its
 support; stairs and rows of trailers have 0.68 and more."""
 SAME_TURN_COSINE = float(np.cos(0.05))
-MIN_THICKNESS_VOXELS = 0.5
-"""A scan whose voxels scatter by less about their plane is that plane."""
-MIN_SPARSE_HOLD = 6.0
-"""Voxels that must face a direction in sparse scans: their normals err, and fewer hold nothing."""
 
 
 def find_out(
@@ -81,7 +75,7 @@ def find_out(
         rivals: what the others say.
     """
     T_best, held = best.T_target_source[0], held_voxels(best, 0)
-    directions = _free_directions(judge, best, aligner.is_sparse)
+    directions = free_directions(judge, best, aligner.is_sparse)
     in_doubt = len(directions) > 0 or len(rivals.alternatives) > 0
     is_blind = judge.blind > MAX_BLIND  # elsewhere what is odd decides nothing
     # A plane's or a pipe's turns would only repeat its slides; sparse scans' normals are rough.
@@ -109,7 +103,7 @@ def find_out(
         covariance=aligner.doubt(held) * best.covariance[0],
         covariance_centre_m=best.centre_m[0],
         free_directions=directions,
-        free_turns=np.zeros((0, 3)) if no_turns else _free_turns(judge, best),
+        free_turns=np.zeros((0, 3)) if no_turns else free_turns(judge, best),
         alternatives=rivals.alternatives,
     )
 
@@ -133,8 +127,10 @@ def compare_rivals(
     score: Score,
     kept: IntArray,
     are_narrow: bool = False,
+    one_will_do: bool = False,
 ) -> Rivals:
-    """Compare the best of (K,) kept poses with the others.
+    """Compare the best of (K,) kept poses with the others; where one alternative will do, no more
+    are looked for once there is one.
 
     One that scores nearly as much is as good, unless what tells the two apart speaks for the best
     one, and the rival does not contradict less: the next bay agrees in more where both sensors
@@ -159,7 +155,8 @@ def compare_rivals(
     if judge.blind > BLIND_BOTH:
         repeated = _moved_on(T_target_source, score, first, rivals)
     else:
-        repeated = _repeats(judge, fine, T_target_source, score, first, rivals)
+        known = equal | harmless
+        repeated = _repeats(judge, fine, T_target_source, score, first, rivals, known, one_will_do)
     return Rivals(
         margin=float(max(1 - closest / top, 0.0)),
         decisiveness=float(decisive.min(initial=1.0)),
@@ -174,8 +171,11 @@ def _repeats(
     score: Score,
     first: int,
     rivals: IntArray,
+    known: BoolArray,
+    one_will_do: bool,
 ) -> BoolArray:
-    """(R,) which rivals explain the data without an objection, though less of them.
+    """(R,) which rivals explain the data without an objection, though less of them; not asked of
+    those that are known for alternatives anyway.
 
     Steps, bays, trailers in a row, the sides of a pedestal: the pose that lays most on most is the
     one that brings both sensors to the same place of the pattern, not the right one.
@@ -184,7 +184,10 @@ def _repeats(
     share = REPEATED_ON_MAP if judge.blind > MAX_BLIND else REPEATED_SCORE
     least = max(share * score.total[first], REPEATED_TOTAL)
     repeated: BoolArray = (score.contradiction[rivals] <= most) & (score.total[rivals] >= least)
+    repeated &= ~known
     for row in np.flatnonzero(repeated):
+        if one_will_do and (known.any() or repeated[:row].any()):
+            break
         repeated[row] = not _slips(judge, fine, T_target_source, rivals[row])
     return repeated
 
@@ -211,41 +214,3 @@ def held_voxels(fine: Refinement, row: int) -> float:
     """Voxels, in effect, that hold one pose against the small motion that is held least."""
     share, _ = holds_against(fine.information[row], fine.matched[row], fine.spread_m[row])
     return float(share[0] * fine.matched[row])
-
-
-def _free_directions(judge: Judge, best: Refinement, is_sparse: bool) -> FloatArray:
-    """(F, 3) directions along which one pose can slide, in the target's frame.
-
-    Noise may roughen a scan that shows nothing but one plane; it holds nothing all the same.
-    """
-    turns = best.T_target_source[0, :3, :3], np.eye(3)
-    for scan, turn in zip((judge.source, judge.target), turns, strict=True):
-        square_m2, axes = np.linalg.eigh(np.cov(scan.points_m.T.astype(np.float64)))
-        if np.sqrt(square_m2[0]) < MIN_THICKNESS_VOXELS * judge.voxel_size_m:
-            in_plane: FloatArray = (turn @ axes[:, 1:]).T
-            return in_plane
-    T, centre_m = best.T_target_source[0], best.centre_m[0]
-    share, directions = holds(best.information[0], best.matched[0])
-    free = [
-        direction
-        for part, direction in zip(share, directions, strict=True)
-        if is_weak(part, best.matched[0])
-        and (
-            (is_sparse and part * best.matched[0] < MIN_SPARSE_HOLD)
-            or moves_freely(np.append(np.zeros(3), direction), T, centre_m, judge)
-        )
-    ]
-    return np.array(free).reshape(-1, 3)
-
-
-def _free_turns(judge: Judge, best: Refinement) -> FloatArray:
-    """(G, 3) axes about which one pose can turn."""
-    T, centre_m = best.T_target_source[0], best.centre_m[0]
-    share, motions = holds_against(best.information[0], best.matched[0], best.spread_m[0])
-    weak = motions[(share < MIN_DETERMINED) & motions[:, :3].any(axis=1)]
-    turns = [
-        motion[:3] / np.linalg.norm(motion[:3])
-        for motion in weak
-        if moves_freely(motion, T, centre_m, judge)
-    ]
-    return np.array(turns).reshape(-1, 3)

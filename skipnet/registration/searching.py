@@ -120,8 +120,8 @@ def _settled(running: Contenders, aligner: Aligner, coming: Generator | None) ->
     blind = aligner.judge.blind
     if coming not in LAST_RESORTS and blind > MAX_BLIND:
         return None
-    weighed = weigh(running, aligner)
     may_do = coming is Generator.deep and blind > BLIND_BOTH
+    weighed = weigh(running, aligner, one_will_do=not may_do)
     may_do = may_do or weighed.may_be_registered(blind, needed(coming))
     return conclude(weighed, aligner) if may_do else None
 

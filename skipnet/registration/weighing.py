@@ -57,26 +57,28 @@ class Weighed:
         return is_alone and may_be_registered(best, blind, margin=lead, confidence=confidence)
 
 
-def weigh(running: Contenders, aligner: Aligner) -> Weighed:
-    """Judge those in the running, one or more, with all evidence.
+def weigh(running: Contenders, aligner: Aligner, one_will_do: bool = False) -> Weighed:
+    """Judge those in the running, one or more, with all evidence; where one alternative to the best
+    will do, no more are looked for.
 
     Where the race is close they are aligned finely, too; that counts if another one is best then.
     """
     judge, total = aligner.judge, running.score.total
     kept = judge.distinct(running.T_target_source, running.score)
     if total[kept[1:]].max(initial=0.0) <= (1 - CLOSE_MARGIN) * total[kept[0]]:
-        return _weighed(running, running.score, _clearest(running, running.score, judge), aligner)
+        order = _clearest(running, running.score, judge)
+        return _weighed(running, running.score, order, aligner, one_will_do)
     score = judge.closer(running.T_target_source, running.score)
     order = _clearest(running, score, judge)
     if aligner.is_sparse or np.array_equal(score.total, total):  # nobody can look closer
-        return _weighed(running, score, order, aligner)
+        return _weighed(running, score, order, aligner, one_will_do)
     finely = polished(running, kept, aligner)
     fine_score = judge.closer(finely.T_target_source, finely.score)
     fine_order = _clearest(finely, fine_score, judge)
     best, other = running.T_target_source[order[0]], finely.T_target_source[fine_order[0]]
     if len(judge.others(best, other[None])):
-        return _weighed(finely, fine_score, fine_order, aligner)
-    return _weighed(running, score, order, aligner)
+        return _weighed(finely, fine_score, fine_order, aligner, one_will_do)
+    return _weighed(running, score, order, aligner, one_will_do)
 
 
 def _clearest(running: Contenders, score: Score, judge: Judge) -> IntArray:
@@ -85,11 +87,13 @@ def _clearest(running: Contenders, score: Score, judge: Judge) -> IntArray:
     return clearest_first(judge.distinct(T, score), score, running.fine, T, judge)
 
 
-def _weighed(running: Contenders, score: Score, kept: IntArray, aligner: Aligner) -> Weighed:
+def _weighed(
+    running: Contenders, score: Score, kept: IntArray, aligner: Aligner, one_will_do: bool
+) -> Weighed:
     """The first of (K,) rows against the others."""
     are_narrow = aligner.source.is_narrow and aligner.target.is_narrow
     fine, T = running.fine, running.T_target_source
-    rivals = compare_rivals(aligner.judge, fine, T, score, kept, are_narrow)
+    rivals = compare_rivals(aligner.judge, fine, T, score, kept, are_narrow, one_will_do)
     return Weighed(running, score, kept, rivals)
 
 

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from skipnet.registration.alignment.refinement import Refinement
+from skipnet.registration import examining
+from skipnet.registration.alignment.refinement import Refinement, no_refinement
 from skipnet.registration.examining import compare_rivals
 from skipnet.registration.judging.score import Score
 
@@ -42,3 +43,22 @@ def test_a_contradicted_narrow_view_must_lead_by_more(contradicted, lead, clear,
     assert rivals(contradicted, lead, clear, are_narrow=True) == narrow
     # What lies on itself and is hardly held must lead as narrow views must.
     assert rivals(contradicted, lead, clear, False, held_voxels=5.0) == narrow
+
+
+def test_what_is_an_alternative_anyway_is_not_asked_whether_it_slips(monkeypatch):
+    T = np.tile(np.eye(4), (4, 1, 1))
+    total = np.array([1.0, 0.99, 0.9, 0.9])  # one that explains as much, two that may be repeats
+    nothing = np.zeros(4)
+    score = Score(total, total, nothing, total, nothing, nothing)
+    judge = SimpleNamespace(blind=0.0, decisiveness=lambda best, others: np.zeros(len(others)))
+    asked = []
+    monkeypatch.setattr(examining, "_slips", lambda judge, fine, T, row: asked.append(row) or False)
+    fine, kept = no_refinement(T), np.arange(4)
+    assert len(compare_rivals(judge, fine, T, score, kept).alternatives) == 3
+    assert asked == [2, 3]
+    asked.clear()
+    assert len(compare_rivals(judge, fine, T, score, kept, one_will_do=True).alternatives) > 0
+    assert asked == []
+    score = score.replaced(np.array([1]), score[np.array([2])])
+    assert len(compare_rivals(judge, fine, T, score, kept, one_will_do=True).alternatives) > 0
+    assert asked == [1]
