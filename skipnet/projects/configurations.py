@@ -44,10 +44,11 @@ class Configuration:
     @cached_property
     def groups(self) -> list[Group]:
         """The largest first."""
-        made = [
-            Group(one, sum(share for key, share in self.shares.items() if key[0] in one))
-            for one in self.poses
-        ]
+        number = {scan: n for n, one in enumerate(self.poses) for scan in one}
+        support = [0.0] * len(self.poses)
+        for (target, _), share in self.shares.items():
+            support[number[target]] += share
+        made = [Group(one, most) for one, most in zip(self.poses, support, strict=True)]
         return sorted(made, key=lambda group: (-len(group.poses), group.scans))
 
 

@@ -56,7 +56,9 @@ class Witness:
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
         self._about: dict[tuple[int, int, bytes], Figures] = {}
         self._at_a_glance: dict[tuple[int, int, bytes], Figures] = {}
-        self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
+        self.centres_m = np.array(
+            [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
+        )
         self.voxel_size_m = evidence[0].voxel_size_m
         # Of each scan (4, 3) what tells one pose from another: two axes and the centre, in steps.
         self._told_by = np.zeros((len(evidence), 4, 3))
@@ -70,10 +72,12 @@ class Witness:
         self._stations_m = np.array(
             [np.full(3, np.nan) if image is None else image.viewpoint_m for image in images]
         )
-        self.reach_m = [
-            float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
-            for one, centre_m in zip(evidence, self.centres_m, strict=True)
-        ]
+        self.reach_m = np.array(
+            [
+                np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf)
+                for one, centre_m in zip(evidence, self.centres_m, strict=True)
+            ]
+        )
 
     def sees_all_round(self, scan: int) -> bool:
         """Whether the scan's free space would contradict most wrong poses."""
@@ -147,7 +151,7 @@ class Witness:
             second's frame in that of the first.
         """
         firsts, seconds = np.asarray(targets), np.asarray(sources)
-        centres_m, reach_m = np.asarray(self.centres_m), np.asarray(self.reach_m)
+        centres_m, reach_m = self.centres_m, self.reach_m
         here_m, there_m = (
             np.squeeze(T[:, :3, :3] @ centres_m[scans][..., None], -1) + T[:, :3, 3]
             for T, scans in ((T_targets, firsts), (T_sources, seconds))
@@ -233,9 +237,7 @@ class Witness:
         moved_m = np.einsum("cij,bj->cbi", T_targets_sources[:, :3, :3], there_m)
         moved_m += T_targets_sources[:, None, :3, 3]
         apart_m = np.linalg.norm(here_m[:, None, None] - np.swapaxes(moved_m, 0, 1)[None], axis=3)
-        reach_m = np.add.outer(
-            [self.reach_m[a] for a in firsts], [self.reach_m[b] for b in seconds]
-        )
+        reach_m = np.add.outer(self.reach_m[firsts], self.reach_m[seconds])
         near = apart_m < reach_m[..., None]
         met = np.argwhere(near.any(axis=2))
         order = np.argsort(apart_m.min(axis=2)[tuple(met.T)], kind="stable")
