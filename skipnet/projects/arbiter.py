@@ -198,7 +198,7 @@ class Arbiter:
         """The groups of which most agrees, in parts about which nothing else is as good."""
         joiner = self._joiner
         asked = scans, joiner.proposals, joiner.witness, standards
-        found = configurations(*asked, self._known.get(standards, ()))
+        found = configurations(*asked, self._known.get(standards))
         self._known[standards] = found
         best = found[0]
         parts = numbered(common_parts(best, found[1:], joiner))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
@@ -66,13 +66,13 @@ class Packed:
     scans: IntArray
     """(S,) int32 scans, group by group ..."""
     T_group_scan: FloatArray
-    """(S, 4, 4) ... and their poses."""
+    """(S, 3, 4) ... and their poses."""
     sizes: IntArray
     """(G,) int32 scans of each group."""
     shares: tuple[IntArray, FloatArray]
-    """(P, 2) int32 pairs of which something agrees, and (P,) which share."""
+    """(P, 2) uint16 pairs of which something agrees, and (P,) which share."""
     against: tuple[IntArray, FloatArray]
-    """(Q, 2) int32 pairs that contradict, and (Q,) by how many times the limit."""
+    """(Q, 2) uint16 pairs that contradict, and (Q,) by how many times the limit."""
 
     @staticmethod
     def of(configuration: Configuration) -> Packed:
@@ -81,7 +81,7 @@ class Packed:
         return Packed(
             configuration.merit,
             np.array([scan for one in poses for scan in one], dtype=np.int32),
-            np.array([T for one in poses for T in one.values()]),
+            np.array([T[:3] for one in poses for T in one.values()]),
             np.array([len(one) for one in poses], dtype=np.int32),
             _columns(configuration.shares),
             _columns(configuration.against),
@@ -89,7 +89,9 @@ class Packed:
 
     def unpacked(self) -> Configuration:
         """The configuration."""
-        rest = zip(self.scans.tolist(), self.T_group_scan, strict=True)
+        T_group_scan = np.tile(ALONE, (len(self.scans), 1, 1))
+        T_group_scan[:, :3] = self.T_group_scan
+        rest = zip(self.scans.tolist(), T_group_scan, strict=True)
         poses = tuple(dict(next(rest) for _ in range(size)) for size in self.sizes.tolist())
         return Configuration(poses, _by_pair(*self.shares), _by_pair(*self.against))
 
@@ -97,12 +99,12 @@ class Packed:
 class Kept(Sequence[Configuration]):
     """Configurations, each packed until it is asked for: of many scans there are thousands."""
 
-    def __init__(self, packed: Sequence[Packed]) -> None:
-        self._packed = packed
+    def __init__(self, packed: Sequence[Packed] = ()) -> None:
+        self.packed = packed
 
     def __len__(self) -> int:
         """How many there are."""
-        return len(self._packed)
+        return len(self.packed)
 
     @overload
     def __getitem__(self, place: int) -> Configuration: ...
@@ -113,28 +115,32 @@ class Kept(Sequence[Configuration]):
     def __getitem__(self, place: int | slice) -> Configuration | Kept:
         """One, or some, which stay packed."""
         if isinstance(place, slice):
-            return Kept(self._packed[place])
-        return self._packed[place].unpacked()
+            return Kept(self.packed[place])
+        return self.packed[place].unpacked()
 
 
 class Found:
     """What a search comes upon: the first of each name, but for those that turn out too bad."""
 
-    def __init__(self) -> None:
-        self._names: set[bytes] = set()
-        self._packed: list[Packed] = []
-        self._most = -np.inf
+    def __init__(self, name: Callable[[Configuration], bytes], known: Kept) -> None:
+        """Begin with what is known, which stays packed as it is."""
+        self._name = name
+        self._packed = list(known.packed)
+        self._names = {self._digest(one) for one in known}
+        self._most = max((one.merit for one in known.packed), default=-np.inf)
 
-    def add(self, name: bytes, configuration: Configuration) -> None:
+    def add(self, configuration: Configuration) -> None:
         """Keep one, unless one of its name was there, or a much better one of any."""
-        name = blake2b(name, digest_size=16).digest()
-        merit = configuration.merit
-        if name in self._names:
+        digest, merit = self._digest(configuration), configuration.merit
+        if digest in self._names:
             return
-        self._names.add(name)
+        self._names.add(digest)
         if merit > self._most or merit >= ABOUT_AS_GOOD * self._most:
             self._packed.append(Packed.of(configuration))
         self._most = max(self._most, merit)
+
+    def _digest(self, configuration: Configuration) -> bytes:
+        return blake2b(self._name(configuration), digest_size=16).digest()
 
     @property
     def ranked(self) -> Kept:
@@ -151,7 +157,7 @@ def _merit(packed: Packed) -> float:
 
 def _columns(of_pairs: dict[PairKey, float]) -> tuple[IntArray, FloatArray]:
     """Pairs and their values."""
-    pairs = np.array(list(of_pairs), dtype=np.int32).reshape(-1, 2)
+    pairs = np.array(list(of_pairs), dtype=np.uint16).reshape(-1, 2)
     return pairs, np.array(list(of_pairs.values()), dtype=np.float64)
 
 

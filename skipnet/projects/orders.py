@@ -9,6 +9,7 @@ which most agrees, and what else was found nearly as good tells what is in doubt
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -60,7 +61,7 @@ def configurations(
     proposals: Mapping[PairKey, Proposals],
     witness: Witness,
     standards: Standards,
-    known: Sequence[Configuration] = (),
+    known: Kept | None = None,
 ) -> Kept:
     """The best configuration that is found, and after it others that are about as good.
 
@@ -76,9 +77,7 @@ def configurations(
     """
     builder = Builder(edges_of(proposals, witness, standards), witness, standards)
     rng, alone = np.random.default_rng(0), all_alone(scans)
-    found = Found()
-    for one in known:
-        found.add(_name(one, witness), one)
+    found = Found(partial(_name, witness), known or Kept())
     if known:
         _search(builder.build(known[0], None), builder, rng, found)
     starts = [] if known else [builder.build(alone, None)]
@@ -108,7 +107,7 @@ def _search(
                 for _ in range(TRIES_ELSEWHERE)
             ]
             for made in others:
-                found.add(_name(made, builder.witness), made)
+                found.add(made)
             best = max([best, *others], key=_merit)
 
 
@@ -120,10 +119,10 @@ def _improved(
 ) -> Configuration:
     """A configuration from which nothing better was found for long; all on the way are kept."""
     current, idle = best, 0
-    found.add(_name(best, builder.witness), best)
+    found.add(best)
     while idle < PATIENCE + PATIENCE_PER_SCAN * sum(map(len, best.poses)):
         made = builder.build(_taken_apart(current, rng), rng)
-        found.add(_name(made, builder.witness), made)
+        found.add(made)
         idle = 0 if made.merit > best.merit + WORTH_GOING_ON else idle + 1
         if made.merit >= (1 - SLACK) * current.merit:
             current = made
@@ -166,7 +165,7 @@ def _taken_apart(
     return Configuration(tuple(parts), kept(configuration.shares), kept(configuration.against))
 
 
-def _name(configuration: Configuration, witness: Witness) -> bytes:
+def _name(witness: Witness, configuration: Configuration) -> bytes:
     """The same for configurations that hardly differ, for most of them."""
     name: list[FloatArray] = []
     centres_m = np.asarray(witness.centres_m)
