@@ -118,11 +118,11 @@ def _alike(one: Configuration, other: Configuration, joiner: Joiner) -> list[lis
 def _common(group: Group, other: Group, joiner: Joiner) -> list[list[int]]:
     """Scans of both groups, in parts that lie in both alike."""
     parts, left = [], [scan for scan in group.scans if scan in other.poses]
-    T_group, T_other = (np.stack([g.poses[scan] for scan in left]) for g in (group, other))
-    while left:
+    T_group, T_other = (np.array([g.poses[scan] for scan in left]) for g in (group, other))
+    while len(left) > 1:
         motion = T_other[0] @ invert(T_group[0])
         same = same_place(joiner.witness, left, motion @ T_group, T_other)
         parts.append([scan for scan, is_same in zip(left, same, strict=True) if is_same])
         left = [scan for scan in left if scan not in parts[-1]]
         T_group, T_other = T_group[~same], T_other[~same]
-    return parts
+    return [*parts, left] if left else parts  # a single one lies like itself

@@ -12,7 +12,7 @@ from skipnet.geometry import invert
 from skipnet.projects.alternatives import common_parts, in_parts
 from skipnet.projects.assembly import numbered
 from skipnet.projects.components import components
-from skipnet.projects.configurations import Configuration
+from skipnet.projects.configurations import Kept
 from skipnet.projects.decision import Decision
 from skipnet.projects.doubts import SURE_PAIR, Doubts
 from skipnet.projects.firmness import Telling
@@ -63,7 +63,7 @@ HOPELESS = 4.0
 MAX_ROUNDS = 5
 
 
-Known = dict[Standards, list[Configuration]]
+Known = dict[Standards, Kept]
 """What was found by which standards, the best first."""
 
 
@@ -198,10 +198,10 @@ class Arbiter:
         """The groups of which most agrees, in parts about which nothing else is as good."""
         joiner = self._joiner
         asked = scans, joiner.proposals, joiner.witness, standards
-        best, *others = self._known[standards] = configurations(
-            *asked, self._known.get(standards, ())
-        )
-        parts = numbered(common_parts(best, others, joiner))
+        found = configurations(*asked, self._known.get(standards))
+        self._known[standards] = found
+        best = found[0]
+        parts = numbered(common_parts(best, found[1:], joiner))
         groups = tightened(best.groups, joiner, self._settle, standards)
         groups = joiner.grow(groups, standards)
         return [part for group in groups for part in in_parts(group, best, parts, joiner)]

@@ -77,19 +77,20 @@ class Builder:
         is_across = parts.of[ends[:, 0]] != parts.of[ends[:, 1]]
         across = np.flatnonzero(is_across if without is None else is_across & ~without)
         rows = across[np.argsort(-weight[across], kind="stable")]
-        refused = self._refused(rows, parts)
+        refused = self._refused(rows, parts, np.ones(len(parts.of), dtype=bool))
         for place, row in enumerate(rows):
             first, second = parts.of[ends[row]]
             if refused[place] or first == second:
                 continue
             if len(parts.scans[first]) < len(parts.scans[second]):  # the larger stays where it is
                 first, second = second, first
+            came = parts.of == second
             if self._is_joined(parts, first, second, row):
-                # Of the joined group others may object than before.
+                # Those who came may object, and be objected to; the others have been asked.
                 of = parts.of[ends[rows[place + 1 :]]]
                 later = np.flatnonzero((of == first).any(axis=1) & (of[:, 0] != of[:, 1]))
                 later = later[~refused[later + place + 1]] + place + 1
-                refused[later] = self._refused(rows[later], parts)
+                refused[later] = self._refused(rows[later], parts, came)
         return parts.configuration()
 
     def _is_joined(self, parts: _Parts, first: int, second: int, row: int) -> bool:
@@ -139,14 +140,17 @@ class Builder:
         objects: BoolArray = is_twin | (violation - STRAY_SHARE > self._standards.limit)
         return objects
 
-    def _refused(self, rows: IntArray, parts: _Parts) -> BoolArray:
-        """(R,) whether a pair that objected to an edge before does so to this join, too."""
+    def _refused(self, rows: IntArray, parts: _Parts, came: BoolArray) -> BoolArray:
+        """(R,) whether a pair that objected to an edge before does so to this join, too; where none
+        of (S,) scans that came is part of it nobody is asked again."""
         refused = np.zeros(len(rows), dtype=bool)
         pairs = self._objected[rows]
-        of_ends = parts.of[self._edges.ends[rows]][:, None]
+        ends = self._edges.ends[rows]
+        of_ends = parts.of[ends][:, None]
         of_pairs = np.where(pairs >= 0, parts.of[pairs], -1)
         applies = (of_pairs == of_ends).all(axis=2) | (of_pairs == of_ends[:, :, ::-1]).all(axis=2)
         place = np.cumsum(applies, axis=1)
+        applies &= came[ends].any(axis=1, keepdims=True) | came[pairs].any(axis=2)
         for asked in (applies & (place == 1), applies & (place > 1)):  # mostly one is enough
             at, which = np.nonzero(asked & ~refused[:, None])
             if len(at):

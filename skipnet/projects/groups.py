@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -58,7 +59,7 @@ class Group:
     support: float = 0.0
     """Sum over all pairs of scans of the share of surfaces that agree."""
 
-    @property
+    @cached_property
     def scans(self) -> list[int]:
         """In ascending order."""
         return sorted(self.poses)

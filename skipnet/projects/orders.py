@@ -9,13 +9,14 @@ which most agrees, and what else was found nearly as good tells what is in doubt
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from skipnet.geometry import invert
 from skipnet.projects.builder import Builder, edges_of
 from skipnet.projects.components import components
-from skipnet.projects.configurations import ALONE, Configuration, all_alone
+from skipnet.projects.configurations import ALONE, Configuration, Found, Kept, all_alone
 from skipnet.projects.groups import Proposals
 from skipnet.projects.sameness import SAME_VOXELS
 from skipnet.projects.ways import PairKey, Standards
@@ -36,8 +37,6 @@ FEWEST_OUT, MOST_OUT = 0.1, 0.6
 MANY_OUT = 12
 TRIES_ELSEWHERE = 4
 """Times that each scan is put elsewhere than where it stands best."""
-ABOUT_AS_GOOD = 0.8
-"""Others are kept that have this share of the best merit."""
 WORTH_GOING_ON = 0.001
 """A configuration that is better by less is no reason to go on."""
 _SAME_TURN = 0.2
@@ -62,8 +61,8 @@ def configurations(
     proposals: Mapping[PairKey, Proposals],
     witness: Witness,
     standards: Standards,
-    known: Sequence[Configuration] = (),
-) -> list[Configuration]:
+    known: Kept | None = None,
+) -> Kept:
     """The best configuration that is found, and after it others that are about as good.
 
     The same arguments give the same ones.
@@ -78,7 +77,7 @@ def configurations(
     """
     builder = Builder(edges_of(proposals, witness, standards), witness, standards)
     rng, alone = np.random.default_rng(0), all_alone(scans)
-    found = {_name(one, witness): one for one in known}
+    found = Found(partial(_name, witness), known or Kept())
     if known:
         _search(builder.build(known[0], None), builder, rng, found)
     starts = [] if known else [builder.build(alone, None)]
@@ -86,17 +85,14 @@ def configurations(
         starts += [builder.build(alone, rng) for _ in range(FRESH)]
         _search(max(starts, key=_merit), builder, rng, found)
         starts = []
-    best = max(found.values(), key=_merit)
-    least = ABOUT_AS_GOOD * best.merit
-    others = [one for one in found.values() if one is not best and one.merit >= least]
-    return [best, *sorted(others, key=lambda one: -one.merit)]
+    return found.ranked
 
 
 def _search(
     best: Configuration,
     builder: Builder,
     rng: np.random.Generator,
-    found: dict[bytes, Configuration],
+    found: Found,
 ) -> None:
     """Go on from a configuration until nothing better comes, every scan put elsewhere too; all on
     the way are kept."""
@@ -111,7 +107,7 @@ def _search(
                 for _ in range(TRIES_ELSEWHERE)
             ]
             for made in others:
-                found.setdefault(_name(made, builder.witness), made)
+                found.add(made)
             best = max([best, *others], key=_merit)
 
 
@@ -119,14 +115,14 @@ def _improved(
     best: Configuration,
     builder: Builder,
     rng: np.random.Generator,
-    found: dict[bytes, Configuration],
+    found: Found,
 ) -> Configuration:
     """A configuration from which nothing better was found for long; all on the way are kept."""
     current, idle = best, 0
-    found.setdefault(_name(best, builder.witness), best)
+    found.add(best)
     while idle < PATIENCE + PATIENCE_PER_SCAN * sum(map(len, best.poses)):
         made = builder.build(_taken_apart(current, rng), rng)
-        found.setdefault(_name(made, builder.witness), made)
+        found.add(made)
         idle = 0 if made.merit > best.merit + WORTH_GOING_ON else idle + 1
         if made.merit >= (1 - SLACK) * current.merit:
             current = made
@@ -169,7 +165,7 @@ def _taken_apart(
     return Configuration(tuple(parts), kept(configuration.shares), kept(configuration.against))
 
 
-def _name(configuration: Configuration, witness: Witness) -> bytes:
+def _name(witness: Witness, configuration: Configuration) -> bytes:
     """The same for configurations that hardly differ, for most of them."""
     name: list[FloatArray] = []
     centres_m = np.asarray(witness.centres_m)

@@ -42,8 +42,8 @@ _SAME_TURN = 0.01
 """... and of which no axis differs by more."""
 _WEIGHT = 10.0
 """Of violations in the judge's total, which nobody asks for here."""
-
-
+_BYTES = np.dtype("V44")
+"""Eleven whole numbers as one key: of target, source, and nine steps that tell the pose."""
 Figures = tuple[float, float]
 """Overlap and violation."""
 
@@ -54,9 +54,11 @@ class Witness:
     def __init__(self, evidence: Sequence[Evidence]) -> None:
         self._evidence = evidence
         self._said: dict[tuple[int, int, bytes], FloatArray] = {}
-        self._about: dict[tuple[int, int, bytes], Figures] = {}
-        self._at_a_glance: dict[tuple[int, int, bytes], Figures] = {}
-        self.centres_m = [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
+        self._about: dict[bytes, Figures] = {}
+        self._at_a_glance: dict[bytes, Figures] = {}
+        self.centres_m = np.array(
+            [one.centre_m if len(one.points_m) else np.zeros(3) for one in evidence]
+        )
         self.voxel_size_m = evidence[0].voxel_size_m
         # Of each scan (4, 3) what tells one pose from another: two axes and the centre, in steps.
         self._told_by = np.zeros((len(evidence), 4, 3))
@@ -70,10 +72,8 @@ class Witness:
         self._stations_m = np.array(
             [np.full(3, np.nan) if image is None else image.viewpoint_m for image in images]
         )
-        self.reach_m = [
-            float(np.linalg.norm(one.points_m - centre_m, axis=1).max(initial=-np.inf))
-            for one, centre_m in zip(evidence, self.centres_m, strict=True)
-        ]
+        away_m = (e.points_m - at_m for e, at_m in zip(evidence, self.centres_m, strict=True))
+        self.reach_m = np.array([np.linalg.norm(a, axis=1).max(initial=-np.inf) for a in away_m])
 
     def sees_all_round(self, scan: int) -> bool:
         """Whether the scan's free space would contradict most wrong poses."""
@@ -107,22 +107,30 @@ class Witness:
         """Overlap and violation of (P,) pairs under (P, 4, 4) poses, or under others by a third of
         a voxel beside them that have been asked about; at a glance where that refutes without
         doubt. Nobody is asked before it is taken."""
-        steps = np.rint(T_target_source[:, :3] @ self._told_by[sources]).astype(np.int32)
-        pairs = zip(targets.tolist(), sources.tolist(), steps, strict=True)
-        for row, (target, source, step) in enumerate(pairs):
-            key = target, source, step.tobytes()
-            yield self._about.get(key) or self._asked(key, T_target_source[row])
+        steps = np.rint(T_target_source[:, :3] @ self._told_by[sources]).reshape(-1, 9)
+        told = np.column_stack([targets, sources, steps]).astype(np.int32)
+        for row, key in enumerate(told.view(_BYTES)[:, 0].tolist()):
+            said = self._about.get(key)
+            if said is None:
+                said = self._at_a_glance.get(key)
+                if said is None or not self._is_enough(said):
+                    pair = int(targets[row]), int(sources[row])
+                    said = self._asked(key, *pair, T_target_source[row : row + 1])
+            yield said
 
-    def _asked(self, key: tuple[int, int, bytes], T_target_source: FloatArray) -> Figures:
+    def _is_enough(self, seen: Figures) -> bool:
+        """Whether what was seen at a glance refutes a pose without doubt, or is nothing at all."""
+        overlap, violation = seen
+        return violation > GROSS * self.hopeless or overlap == violation == 0
+
+    def _asked(self, key: bytes, target: int, source: int, T_target_source: FloatArray) -> Figures:
         """See ``about``."""
-        target, source, _ = key
         if key not in self._at_a_glance:
-            seen = self._ask(target, source, T_target_source[None], GLANCE_SAMPLES)[:, 0]
+            seen = self._ask(target, source, T_target_source, GLANCE_SAMPLES)[:, 0]
             self._at_a_glance[key] = float(seen[0]), float(seen[1])
-        overlap, violation = self._at_a_glance[key]
-        if violation > GROSS * self.hopeless or overlap == violation == 0:
-            return overlap, violation
-        said = self._ask(target, source, T_target_source[None])[:, 0]
+        if self._is_enough(self._at_a_glance[key]):
+            return self._at_a_glance[key]
+        said = self._ask(target, source, T_target_source)[:, 0]
         del self._at_a_glance[key]  # nobody looks there again
         self._about[key] = float(said[0]), float(said[1])
         return self._about[key]
@@ -147,13 +155,12 @@ class Witness:
             second's frame in that of the first.
         """
         firsts, seconds = np.asarray(targets), np.asarray(sources)
-        centres_m, reach_m = np.asarray(self.centres_m), np.asarray(self.reach_m)
         here_m, there_m = (
-            np.squeeze(T[:, :3, :3] @ centres_m[scans][..., None], -1) + T[:, :3, 3]
+            np.squeeze(T[:, :3, :3] @ self.centres_m[scans][..., None], -1) + T[:, :3, 3]
             for T, scans in ((T_targets, firsts), (T_sources, seconds))
         )
         apart_m = np.linalg.norm(here_m[:, None] - there_m, axis=2)
-        i, k = np.nonzero(apart_m < np.add.outer(reach_m[firsts], reach_m[seconds]))
+        i, k = np.nonzero(apart_m < np.add.outer(self.reach_m[firsts], self.reach_m[seconds]))
         order = np.argsort(apart_m[i, k], kind="stable")
         i, k = i[order], k[order]
         a, b = firsts[i], seconds[k]
@@ -233,9 +240,7 @@ class Witness:
         moved_m = np.einsum("cij,bj->cbi", T_targets_sources[:, :3, :3], there_m)
         moved_m += T_targets_sources[:, None, :3, 3]
         apart_m = np.linalg.norm(here_m[:, None, None] - np.swapaxes(moved_m, 0, 1)[None], axis=3)
-        reach_m = np.add.outer(
-            [self.reach_m[a] for a in firsts], [self.reach_m[b] for b in seconds]
-        )
+        reach_m = np.add.outer(self.reach_m[firsts], self.reach_m[seconds])
         near = apart_m < reach_m[..., None]
         met = np.argwhere(near.any(axis=2))
         order = np.argsort(apart_m.min(axis=2)[tuple(met.T)], kind="stable")
