@@ -41,11 +41,6 @@ FORCED_MISMATCH, FORCED_CLOSENESS = 0.2, 0.75
 forced together: of 529 answers of all kinds three were registered so, all wrong; of 96 others
 none, nor was any right pose."""
 
-EXACT_CLOSENESS, EXACT_MISMATCH, EXACT_ODD_SHARE = 0.98, 0.02, 0.005
-"""Where neither place is known and a right pose of exact scans has a confidence of 0.25 to 0.55,
-more of what agrees does so closely, and less lies beside or off. Of 330 simulated arches, rings and
-parts 21 right poses are so and one of 14 wrong ones, a ring on which hardly any block shows."""
-
 _SEEN = ("support", "margin", "held")
 FEATURES = ("violation", *_SEEN, "blind", *(f"blind_{name}" for name in _SEEN))
 """What the confidence is made of."""
@@ -181,12 +176,6 @@ class Findings:
         clean = self.contradiction <= STRAY_SHARE and self.mismatch <= CLEAN_MISMATCH
         clean = clean and self.closeness >= CLEAN_CLOSENESS
         return clean and (self.are_sided or not self.is_blind)
-
-    @property
-    def is_exact(self) -> bool:
-        """Nobody knows where the scans were taken, but what comes near agrees to the last."""
-        exact = self.closeness >= EXACT_CLOSENESS and self.mismatch <= EXACT_MISMATCH
-        return exact and self.odd_share <= EXACT_ODD_SHARE and self.blind > BLIND_BOTH
 
     @property
     def lies_on_itself(self) -> bool:

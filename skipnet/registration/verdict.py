@@ -11,7 +11,6 @@ import numpy as np
 
 from skipnet.registration.alike import why_another
 from skipnet.registration.findings import (
-    BLIND_BOTH,
     CLEAN_MISMATCH,
     FEATURES,
     MOST_HELD,
@@ -28,9 +27,6 @@ wrongly; with 0.5 it were 91 and 3, with 0.6 87 and 2."""
 CLEAN_GAIN = 1.0
 """By how much the logit of the confidence is more for a pose against which nothing speaks: the fit
 asks for support, which two scans that share little cannot give. See ``CLEAN_MISMATCH``."""
-EXACT_GAIN = 1.25
-"""... and where neither sensor's place is known, where the fit asks for a lead that near-periodic
-shapes cannot give. See ``EXACT_MISMATCH``."""
 MAX_VIOLATION = 0.02
 """Scans of one shell with other furniture contradict each other by 2.9 % and more, whatever else
 agrees; right poses of dense scans with passers-by by up to 1.6 %. Scans of few lines with many
@@ -61,8 +57,7 @@ class Verdict:
 
 def decide(findings: Findings) -> Verdict:
     """Turn the findings about the best pose into a verdict."""
-    gained = EXACT_GAIN if findings.is_exact else CLEAN_GAIN * findings.is_clean
-    confidence = confidence_of(findings.features, gained)
+    confidence = confidence_of(findings.features, CLEAN_GAIN * findings.is_clean)
     seen = f"{findings.overlap:.0%} of the surfaces agree"
     if findings.matched == 0:
         return Verdict(Status.FAILED, 0.0, f"fine alignment found no hold: in the best pose {seen}")
@@ -151,7 +146,7 @@ def may_be_registered(
     logit = logit + fitted.weight("violation") * np.sqrt(score.violation)
     logit = logit + max(weight("margin"), 0.0) * margin + max(weight("held"), 0.0) * MOST_HELD
     clean = (score.contradiction <= STRAY_SHARE) & (score.mismatch_rate <= CLEAN_MISMATCH)
-    logit = logit + (EXACT_GAIN if blind > BLIND_BOTH else CLEAN_GAIN) * clean
+    logit = logit + CLEAN_GAIN * clean
     return bool((logit + gained >= np.log(confidence / (1 - confidence))).any())
 
 
