@@ -93,6 +93,10 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
     assert verdict.status is Status.REGISTERED and verdict.confidence > 0.9
 
 
+LOOSELY = {"typical_offset": 1.3, "closeness": 0.95, "decisiveness": 0.2, "blind": 1.0}
+"""What lies as loosely as real figures do, and might lie elsewhere as well."""
+
+
 @pytest.mark.parametrize(
     ("found", "status", "words"),
     [
@@ -106,6 +110,8 @@ def test_a_pose_against_which_nothing_speaks_is_registered():
         ({"before": Before(0.01, np.ones((1, 3)))}, "ambiguous", "1.0% of one scan, such as at (1"),
         ({"odd_share": 0.012, "blind": 1.0}, "ambiguous", "alike, not the same"),
         ({"typical_offset": 7.0, "blind": 0.5}, "ambiguous", "check the units and scales"),
+        ({**LOOSELY, "typical_offset": 1.5}, "ambiguous", "off by 1.5 times"),
+        ({**LOOSELY, "closeness": 0.9}, "ambiguous", "off by 1.3 times"),
         ({"forks_m": np.ones((1, 3))}, "ambiguous", "at (1, 1, 1) in the target's frame"),
         ({"furnishing": Furnishing(6, np.ones((7, 3)))}, "ambiguous", "7 small things stand in"),
         ({"furnishing": Furnishing(9, np.ones((5, 3)), 1, 4)}, "ambiguous", "4 small things stand"),
@@ -129,6 +135,10 @@ def test_what_speaks_against_a_pose_is_said(found, status, words):
         {"odd_share": 0.02, "blind": 0.0},
         {"odd_share": 0.012, "blind": 0.5},
         {"typical_offset": 1.4, "blind": 1.0},
+        LOOSELY,
+        {**LOOSELY, "typical_offset": 1.1, "closeness": 0.9},
+        {**LOOSELY, "typical_offset": 1.5, "decisiveness": 0.5},
+        {**LOOSELY, "typical_offset": 1.5, "blind": 0.5},
     ],
 )
 def test_what_real_scans_of_one_thing_have_too_speaks_against_nothing(found):
