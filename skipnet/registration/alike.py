@@ -38,11 +38,18 @@ def why_another(findings: Findings) -> str | None:
             f"most of them exactly, but {findings.odd_share:.0%} lie off by far more: the "
             "scans may show two things that are alike, not the same one, or parts of it have moved"
         )
-    if findings.typical_offset > MAX_TYPICAL_OFFSET or _lies_loosely(findings):
+    if findings.typical_offset > MAX_TYPICAL_OFFSET:
         return (
             f"but half of them lie off by {findings.typical_offset:.2g} times as much as their "
             "points scatter: the scans may show two things of unlike size or shape, or one is "
             "bent; check the units and scales"
+        )
+    if _lies_loosely(findings):
+        return (
+            f"but half of them lie off by {findings.typical_offset:.2g} times as much as their "
+            "points scatter, and little speaks against other places: one may be laid on a part of "
+            "the other that is merely alike; take scans that share more, or give the places of the "
+            "sensors"
         )
     if len(findings.forks_m):
         return (
